@@ -17,7 +17,7 @@ from time import process_time
 from typing import Any, TypeAlias, TypeVar
 
 from lpvid import _threads
-from lpvid._processes import Pickler, ends_with_parent
+from lpvid._workers import Pickler, ends_with_parent
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import pickle
-import signal
-import struct
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from gc import collect
-from io import BytesIO
-from queue import Empty, Queue, SimpleQueue
+from queue import Empty, Queue
 from threading import Lock, Thread
-from types import MappingProxyType
-from typing import Any, BinaryIO, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from lpvid import _threads
-from lpvid._memory import give_back, of_library
+from lpvid._memory import give_back
+from lpvid._workers import ForkedWorker, FreshWorker, Worker
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -28,9 +22,6 @@ KNOWN = 0.1
 """part of all costs from which their rate is estimated: the seconds in which a process begins would count tenfold"""
 POLL = 0.2
 """Time between two looks at the clock while work goes on [s]."""
-PARENT_DEATH_SIGNAL = 1
-"""Linux's PR_SET_PDEATHSIG: the signal that a process gets when the thread that began it ends"""
-WORKER = "from lpvid._processes import serve; serve({})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +49,10 @@ def in_processes(function: Callable[[T], R], items: Sequence[T], *, workers: int
                  ) -> list[Done[R]]:
     """Results of a function over independent items, in their order, whatever the number of processes.
 
-    Each worker is a fresh interpreter that is handed one item after the other, in their order, with one BLAS thread.
-    The script that calls this is not run again there: the function must be importable by its module and name.
+    Each worker is handed one item after the other, in their order, with one BLAS thread. Workers are forks of this
+    process, whose libraries and data they share, on Linux where no other thread of it computes; elsewhere, and in place
+    of one that died, fresh interpreters. The script that calls this is not run again there: the function must be
+    importable by its module and name.
 
     Parameters
     ----------
@@ -186,7 +179,8 @@ class _Lanes(Generic[T, R]):
 
     def run(self) -> list[Done[R]]:
         begun, why = time.monotonic(), ""
-        lanes = [Thread(target=self._lane, daemon=True) for _ in range(self.workers)]
+        forks: list[Worker | None] = self._forked() or [None] * self.workers
+        lanes = [Thread(target=self._lane, args=(worker,), daemon=True) for worker in forks]
         for lane in lanes:
             lane.start()
         try:
@@ -214,9 +208,21 @@ class _Lanes(Generic[T, R]):
             for worker in self.alive:
                 worker.kill()
 
-    def _lane(self) -> None:
+    def _forked(self) -> list[Worker | None]:
+        """All workers as forks, before a thread here is begun; none where no fork is safe."""
+        if sys.platform != "linux" or not _threads.undisturbed():
+            return []
+        collect()  # what is garbage here would be garbage in each
+        give_back()
+        begun: list[ForkedWorker] = []
+        with suppress(OSError):  # no room for another process: fewer of them
+            for _ in range(self.workers):
+                begun.append(ForkedWorker(self.function, self.items, begun))
+        self.alive.update(begun)
+        return [*begun]
+
+    def _lane(self, worker: Worker | None) -> None:
         """Items by one worker after the other: one that is killed loses its item, and another is begun."""
-        worker: subprocess.Popen | None = None
         try:
             while not self.over:
                 try:
@@ -224,14 +230,16 @@ class _Lanes(Generic[T, R]):
                 except Empty:
                     return
                 if worker is None:
-                    worker = self._begun()
+                    worker = FreshWorker(self.function, self.items)
+                    with self.lock:
+                        self.alive.add(worker)
+                        if self.over:
+                            worker.kill()
                 with self.lock:
                     self.running.add(k)
                 begun = time.monotonic()
                 try:
-                    assert worker.stdin is not None and worker.stdout is not None
-                    _send(worker.stdin, _packed((self.function, self.items[k])))
-                    good, found = _receive(worker.stdout)
+                    good, found = worker.result(k)
                 except (OSError, EOFError):
                     good, found = False, None
                 seconds = time.monotonic() - begun
@@ -242,120 +250,10 @@ class _Lanes(Generic[T, R]):
                             return
                         self.found[k] = Done(error=RuntimeError("its process died"), seconds=seconds)
                         self.alive.discard(worker)
-                        _ended(worker)
+                        worker.end()
                         worker = None
                     else:
                         self.found[k] = Done(found, seconds=seconds) if good else Done(error=found, seconds=seconds)
         finally:
             if worker is not None:
-                _ended(worker)
-
-    def _begun(self) -> subprocess.Popen:
-        quiet = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
-                 "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-        worker = subprocess.Popen([sys.executable, "-c", WORKER.format(os.getpid())], stdin=subprocess.PIPE,
-                                  stdout=subprocess.PIPE, env=quiet, start_new_session=True)
-        with self.lock:
-            self.alive.add(worker)
-            if self.over:
-                worker.kill()
-        return worker
-
-
-def _ended(worker: subprocess.Popen) -> None:
-    """No process, no open pipe is left behind."""
-    worker.kill()
-    for pipe in (worker.stdin, worker.stdout):
-        if pipe is not None:
-            with suppress(OSError):  # what was still to be sent to a dead process
-                pipe.close()
-    worker.wait()
-
-
-# -- between the processes ---------------------------------------------------------------------------------------------
-class Pickler(pickle.Pickler):
-    """Read-only mappings, which records and models hold, as what they are."""
-
-    def reducer_override(self, obj: Any) -> Any:
-        return (_read_only, (dict(obj),)) if isinstance(obj, MappingProxyType) else NotImplemented
-
-
-def _read_only(data: dict) -> MappingProxyType:
-    """A class that pickle cannot find by its name."""
-    return MappingProxyType(data)
-
-
-def _packed(data: Any) -> BytesIO:
-    held = BytesIO()
-    Pickler(held, protocol=pickle.HIGHEST_PROTOCOL).dump(data)
-    return held
-
-
-def _send(stream: BinaryIO | Any, held: BytesIO) -> None:
-    stream.write(struct.pack("<Q", held.getbuffer().nbytes))
-    stream.write(held.getbuffer())
-    stream.flush()
-
-
-def _receive(stream: BinaryIO | Any) -> Any:
-    return pickle.loads(_bytes(stream))
-
-
-def _bytes(stream: BinaryIO | Any) -> bytes:
-    head = stream.read(8)
-    if len(head) < 8:
-        raise EOFError
-    return stream.read(struct.unpack("<Q", head)[0])
-
-
-def ends_with_parent(parent: int) -> None:
-    """End this process when its parent has ended, however that was (Linux).
-
-    Parameters
-    ----------
-    parent : int
-        Number of the process that began this one: it may have ended already.
-    """
-    control = of_library("prctl")
-    if control is not None:
-        control(PARENT_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
-
-
-def _items(stream: BinaryIO, received: SimpleQueue[bytes]) -> None:
-    """Hand on what comes; where nothing can come any more the parent has ended, and this process does, on any system.
-
-    Not amid a call that keeps the interpreter's lock.
-    """
-    with suppress(EOFError):
-        while True:
-            received.put(_bytes(stream))
-    os._exit(1)
-
-
-def serve(parent: int) -> None:
-    """A worker: items from standard input, results to standard output; what the work prints goes to standard error.
-
-    It ends with the process that began it, of that number, amid its work.
-    """
-    ends_with_parent(parent)
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    _threads.alone()
-    received: SimpleQueue[bytes] = SimpleQueue()
-    Thread(target=_items, args=(sys.stdin.buffer, received), daemon=True).start()
-    while True:
-        function, item = pickle.loads(received.get())
-        try:
-            answer = True, function(item)
-        except Exception as error:
-            answer = False, error
-        try:
-            held = _packed(answer)
-        except (TypeError, AttributeError, pickle.PicklingError) as error:
-            held = _packed((False, RuntimeError(f"the result cannot be sent: {error}")))
-        _send(answers, held)
-        del function, item, answer, held
-        collect()  # several workers together: what one item left is not carried through the next
-        give_back()
+                worker.end()

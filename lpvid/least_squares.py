@@ -9,6 +9,8 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from lpvid._tall import triangular_factor
+
 MAX_DAMPING = 1e12
 """of unit columns: a step is then a part in 1e12 of the way down the gradient."""
 ROUNDING = 1e-14
@@ -415,7 +417,7 @@ def bounded_least_squares(columns: np.ndarray, target: np.ndarray, lower: np.nda
         return out
     scale = scale[moves]
     low, high = lower[moves] * scale, upper[moves] * scale
-    r = np.asarray(np.linalg.qr(np.column_stack([columns[:, moves] / scale, target]), mode="r"))
+    r = triangular_factor(columns if moves.all() else columns[:, moves], scale, target)
     n = scale.size
     square, right = r[:n, :n], r[:n, n]
     best = np.linalg.lstsq(square, right, rcond=1e-11)[0]
@@ -542,7 +544,7 @@ class _DenseStep:
            shares: bool = False) -> _DenseStep:
         """The linearisation of a trial with this Jacobian (m, k)."""
         k = jacobian.shape[1]
-        r = np.asarray(np.linalg.qr(np.column_stack([jacobian, trial.residual]), mode="r"))
+        r = triangular_factor(jacobian, last=trial.residual)
         scale = column_scale(r[:k, :k], 0.0 if before is None else before.scale)
         return cls(trial.point, lower, upper, r[:k, :k], r[:k, k], scale, shares)
 

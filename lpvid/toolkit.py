@@ -9,6 +9,7 @@
   that threads share, a function over items on several processes or forks, one call beside the caller's own work.
   ``processors``: how many of them the machine has for this process.
 - ``ReadOnlyState``: a frozen class whose mappings and arrays stay read-only through pickle and copy.
+- ``triangular_factor``: R of a tall matrix, with one copy of it in memory.
 - ``Shown``: a result that draws itself and has a card in a notebook.
 
 Examples
@@ -28,13 +29,14 @@ from lpvid._forks import in_forks
 from lpvid._pickling import ReadOnlyState
 from lpvid._processes import Beside, in_processes
 from lpvid._shown import Shown
+from lpvid._tall import triangular_factor
 from lpvid._threads import found_once, processors, single_thread
 
 if TYPE_CHECKING:
     from lpvid._compiling import copy_values, njit
 
 __all__ = ["Beside", "ReadOnlyState", "Shown", "checks", "copy_values", "found_once", "in_forks", "in_processes",
-           "njit", "processors", "single_thread"]
+           "njit", "processors", "single_thread", "triangular_factor"]
 
 
 def __getattr__(name: str) -> Any:

@@ -6,11 +6,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from gc import collect
 from typing import Self
 
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.budgets import LONG
 from lpvid.diagnosis.effect import STAGES, Effect
 from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
 from lpvid.record import Record
@@ -295,6 +297,8 @@ class Composition:
             else:
                 there = self.predict(signals, moved)
             change = there - here
+            if signals.n_samples > LONG:  # signals that were made for this run hold what holds them
+                collect(1)
             if np.abs(change).max() > rounding:  # else the derivative would be one of rounding errors
                 out[:, column] = change / (moved[j] - vector[j])
         return out

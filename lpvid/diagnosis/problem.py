@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from gc import collect
@@ -10,6 +10,7 @@ from gc import collect
 import numpy as np
 
 from lpvid._memory import give_back
+from lpvid._tall import ROWS
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
@@ -96,21 +97,28 @@ class DiagnosisProblem:
         """
         return self.stack(self.errors(composition, vector))
 
-    def stack(self, values: Sequence[np.ndarray]) -> np.ndarray:
+    def stack(self, values: Iterable[np.ndarray], overwriting: bool = False) -> np.ndarray:
         """(N,) or (N, k): per-record values inside the blocks, one record after the other.
 
         Parameters
         ----------
-        values : sequence of (n,) or (n, k) arrays
-            One for each record.
+        values : iterable of (n,) or (n, k) arrays
+            One for each record, taken one at a time.
+        overwriting : bool
+            Whether the values of a single record may be moved together where they are, so that no second array of
+            their size is needed.
 
         Returns
         -------
         (N,) or (N, k) array
         """
-        out, first = np.empty((self.n_samples, *values[0].shape[1:]), dtype=values[0].dtype), 0
-        for v, n in zip(values, self.blocks.number, strict=True):
+        out, first = np.empty(0), 0
+        for k, (v, n) in enumerate(zip(values, self.blocks.number, strict=True)):
             keep = n >= 0
+            if overwriting and len(self.blocks.number) == 1 and v.flags.c_contiguous:
+                return _moved_together(v, keep)
+            if not k:
+                out = np.empty((self.n_samples, *v.shape[1:]), dtype=v.dtype)
             last = first + int(np.count_nonzero(keep))
             np.compress(keep, v, axis=0, out=out[first:last])
             first = last
@@ -144,6 +152,16 @@ class DiagnosisProblem:
         (N,) bool array
         """
         return self.blocks.fold[self.block] == fold
+
+
+def _moved_together(values: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """The rows to keep as the first rows of the same array; numpy copies what a move overlaps, a few at a time."""
+    last = 0
+    for first in range(0, len(values), ROWS):
+        kept = values[first: first + ROWS][keep[first: first + ROWS]]
+        values[last: last + len(kept)] = kept
+        last += len(kept)
+    return values[:last]
 
 
 def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProblem:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from gc import collect
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from lpvid._memory import give_back
+from lpvid._tall import column_norms
 from lpvid.diagnosis.budgets import ITERATIONS, LONG
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -115,11 +118,12 @@ def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.nd
               errors: list[np.ndarray] | None = None) -> np.ndarray:
     """(N, P) derivative, stacked, computed anew."""
     if problem.n_samples > LONG:  # it takes most; what was freed in pieces counts as used
+        collect()
         give_back()
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
                                                                zip(problem.signals, errors, strict=True)]
-    return _finite(problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
-                                   zip(problem.signals, at, strict=True)]))
+    found = (composition.sensitivities(s, vector, at=a) for s, a in zip(problem.signals, at, strict=True))
+    return _finite(problem.stack(found, overwriting=True))
 
 
 def _reused_jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
@@ -223,8 +227,8 @@ def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     -------
     Refit
     """
-    *_, found = islice(descent(problem, composition, start, fold, near, rough, sample_weight), iterations + 1)
-    return found
+    iterates = descent(problem, composition, start, fold, near, rough, sample_weight)
+    return deque(islice(iterates, iterations + 1), maxlen=1)[0]  # the errors of each are as long as the record
 
 
 def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
@@ -333,14 +337,14 @@ def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.n
     if not np.isfinite(deviation).all():
         return None
     correction, _ = _step(jacobian, -deviation, weights, np.clip(vector + step, low, high), damping, low, high)
-    norms = np.linalg.norm(jacobian, axis=0)
+    norms = column_norms(jacobian)
     length = np.linalg.norm(correction * norms)
     return correction if 0.0 < length <= MOST_CORRECTION * np.linalg.norm(step * norms) else None
 
 
 def _broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
     """Broyden's update in place, in parameters scaled by the columns' norms: J step = change afterwards."""
-    norms = np.maximum(np.linalg.norm(jacobian, axis=0), TINY)
+    norms = np.maximum(column_norms(jacobian), TINY)
     scaled = step * norms
     length = float(scaled @ scaled)
     if length > 0 and np.isfinite(change).all():
@@ -399,15 +403,16 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
         In the units of the parameters, squared; NaN also for a parameter that changes nothing.
     """
     size = fit.vector.size
-    free = np.flatnonzero(~fit.at_bounds() & (np.linalg.norm(fit.jacobian, axis=0) > 0))
+    free = np.flatnonzero(~fit.at_bounds() & (column_norms(fit.jacobian) > 0))
     out = np.full((size, size), np.nan)
     if not free.size:
         return out
     j = fit.jacobian[:, free]
-    scale = np.linalg.norm(j, axis=0)
-    j = j / scale
+    scale = column_norms(j)
+    j /= scale
     inverse = np.linalg.pinv(j.T @ j, rcond=STEP**2)
-    scores = problem.block_sums(j * fit.errors[:, None])
+    j *= fit.errors[:, None]
+    scores = problem.block_sums(j)
     count = problem.blocks.count
     middle = scores.T @ scores * count / max(count - 1, 1)
     robust = inverse @ middle @ inverse

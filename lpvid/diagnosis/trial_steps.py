@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lpvid._tall import column_norms, least_squares_overwriting
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.rounding import HALF_DIGITS, STEP, VANISHING
@@ -63,7 +64,7 @@ def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: n
     clock = problem.signals[0].sample_time
     for j, rugged in trial_parameters(composition):
         others = np.delete(np.arange(vector.size), j)
-        norms = np.linalg.norm(jacobian[:, others], axis=0)
+        norms = np.array([column_norms(jacobian[:, [k]])[0] for k in others])
         norms = np.where(norms > VANISHING, norms, 1.0)  # a parameter without effect is not changed
         unit = SHARE * vector[j] if rugged else clock
         for change in [sign * size * unit for size in SAMPLE_STEPS for sign in (1.0, -1.0)]:
@@ -73,7 +74,11 @@ def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: n
                 if trial[j] == vector[j]:
                     break
                 errors = problem.stacked_errors(composition, trial)
-                step = np.linalg.lstsq(jacobian[:, others] / norms, errors, rcond=HALF_DIGITS)[0] / norms
+                scaled = np.empty((errors.size, others.size), order="F")
+                for column, k in enumerate(others):
+                    np.divide(jacobian[:, k], norms[column], out=scaled[:, column])
+                step = least_squares_overwriting(scaled, errors, HALF_DIGITS) / norms
+                del scaled  # before the next runs
                 corrected = trial.copy()
                 corrected[others] = np.clip(trial[others] + step, low[others], high[others])
                 tried = [(float(errors @ errors), trial)]

@@ -13,6 +13,7 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
+from lpvid._tall import triangular_factor
 from lpvid._threads import single_thread
 from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
 from lpvid.record import Record
@@ -25,6 +26,8 @@ BLOCKS_PER_PARAMETER = 5
 """fewest blocks for each parameter."""
 SHORTEST = 10
 """shortest block [samples]."""
+PART = 65_536
+"""rows whose sums over windows are in memory at a time"""
 LARGEST_LAG = 200
 """largest lag of a residual's memory that is looked at [samples], and at most a fiftieth of the samples."""
 
@@ -64,7 +67,7 @@ def inverse_gram(jacobian: np.ndarray) -> np.ndarray:
     -------
     (k, k) array
     """
-    root = pseudo_inverse(np.asarray(np.linalg.qr(jacobian, mode="r")) if len(jacobian) > len(jacobian.T) else jacobian)
+    root = pseudo_inverse(triangular_factor(jacobian) if len(jacobian) > len(jacobian.T) else jacobian)
     return root @ root.T
 
 
@@ -97,7 +100,7 @@ def vague_inverse(jacobian: np.ndarray) -> np.ndarray:
     """
     norms = np.linalg.norm(jacobian, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    _, s, vt = np.linalg.svd(np.linalg.qr(jacobian / scale, mode="r"), full_matrices=False)
+    _, s, vt = np.linalg.svd(triangular_factor(jacobian, scale), full_matrices=False)
     weights = vt.T / np.maximum(s, VAGUE * s[0] if s[0] > 0 else 1.0)
     return (weights @ weights.T) / np.outer(scale, scale)
 
@@ -134,11 +137,20 @@ def bartlett(scores: Sequence[np.ndarray], lags: int) -> np.ndarray:
     -------
     (k, k) array
     """
-    out, window = np.zeros((scores[0].shape[1], scores[0].shape[1])), lags + 1
+    k, window = scores[0].shape[1], lags + 1
+    out = np.zeros((k, k))
     for s in scores:  # (1 − |τ|/window) of s(t) s(t−τ)ᵀ is the mean share of the windows that hold both samples
-        sums = np.cumsum(np.vstack([s, np.zeros((lags, s.shape[1]))]), axis=0)
-        sums[window:] -= sums[:-window].copy()
-        out += sums.T @ sums / window
+        before = np.zeros((window, k))  # cumulative sums up to the part at hand
+        for first in range(0, len(s) + lags, PART):
+            part = s[first: first + PART]
+            sums = np.zeros((min(PART, len(s) + lags - first), k))
+            sums[: len(part)] = part
+            sums[0] += before[-1]
+            np.cumsum(sums, axis=0, out=sums)
+            before = np.vstack([before, sums])
+            sums -= before[: len(sums)]
+            before = before[len(before) - window:].copy()
+            out += sums.T @ sums / window
     return out
 
 
@@ -208,7 +220,9 @@ def estimate_covariance(jacobian: np.ndarray, residual: np.ndarray, lengths: Seq
     else:
         memory = residual_memory(pieces)
         length = block_length(memory, rows, k)
-        scores = [jacobian[a:b, free] * residual[a:b, None] for a, b in ends]
+        scores = [jacobian[a:b, free] for a, b in ends]  # a copy, which becomes J(t) e(t)
+        for s, (a, b) in zip(scores, ends, strict=True):
+            s *= residual[a:b, None]
         middle, how = ((bartlett(scores, 3 * memory), "Bartlett weights") if length is None
                        else (blocks(scores, length), "block scores"))
         found = inverse @ middle @ inverse * (rows / max(rows - k, 1))

@@ -353,7 +353,8 @@ def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.nda
     for error, jacobian in problem.pieces(found.trial.x, True):
         assert jacobian is not None
         errors.append(error)
-        scores.append(jacobian * error[:, None])
+        jacobian *= error[:, None]  # its own: `pieces` computes it for the caller
+        scores.append(jacobian)
     inverse = normal_inverse(found.linearised.gram)
     mean_square = sum(float(e @ e) for e in errors) / max(sum(map(len, errors)), 1)
     return inverse @ bartlett(scores, residual_memory(errors)) @ inverse, mean_square

@@ -170,7 +170,9 @@ class QuasiProblem(FreeRunProblem):
             slopes = np.zeros((len(y), columns))
             sensitivity_quasi(*model.kernel_settings, *arrays, out, start, limit, slopes)
             moved = self.filter_slopes(x, u, p, y, out)
-            yield (out - y)[start:], np.column_stack([slopes[:, :size], *moved])[start:]
+            if moved or columns > size:
+                slopes = np.column_stack([slopes[:, :size], *moved])
+            yield (out - y)[start:], slopes[start:]
 
     def run(self, model: QuasiLPVModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
         from lpvid._quasi_kernels import free_run_quasi

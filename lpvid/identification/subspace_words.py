@@ -148,16 +148,18 @@ class WrittenWords(Words):
         return cls(past, theta.reshape(m, n_words + nd, ny)[:, :n_words], n_words, penalty)
 
     def rows(self, trace: Trace, letter: np.ndarray, future: int) -> np.ndarray:
-        m, nz, k = trace.phi.shape[1], trace.z.shape[1], np.arange(self.past, len(trace.y))
-        left, blocks, length = self.coefficients, [], self.past
-        for i in range(future):
-            if i:  # A(letter) in front: what stands behind that letter, one step further back
-                per_letter = left.reshape(m, m, -1, left.shape[-1])
-                left = np.einsum("l,mlwo->mwo", letter, per_letter)[:, nz:]
-                length -= 1
-            words = _written(trace, k, length)
-            blocks.append(np.einsum("kw,mwo->kmo", words, left).reshape(k.size, -1))
-        return np.hstack(blocks)
+        m, nz = trace.phi.shape[1], trace.z.shape[1]
+        lefts = [self.coefficients]
+        for _ in range(1, future):  # A(letter) in front: what stands behind that letter, one step further back
+            per_letter = lefts[-1].reshape(m, m, -1, self.coefficients.shape[-1])
+            lefts.append(np.einsum("l,mlwo->mwo", letter, per_letter)[:, nz:])
+        out = np.empty((len(trace.y) - self.past, future, m * self.coefficients.shape[-1]))
+        for first in range(self.past, len(trace.y), SPAN):  # the words of a record would be some hundred times as large
+            k = np.arange(first, min(first + SPAN, len(trace.y)))
+            for i, left in enumerate(lefts):
+                words = _written(trace, k, self.past - i)
+                out[k - self.past, i] = np.einsum("kw,mwo->kmo", words, left).reshape(k.size, -1)
+        return out.reshape(len(out), -1)
 
 
 def _written(trace: Trace, k: np.ndarray, length: int) -> np.ndarray:

@@ -16,8 +16,26 @@ import pytest
 from helpers.importable import copied
 from helpers.waiting import gone
 
-from lpvid import Record, _processes
+from lpvid import Record, _processes, _threads
 from lpvid._processes import Beside, Done, _left, in_processes
+
+
+@pytest.fixture(params=[pytest.param(True, marks=pytest.mark.skipif(sys.platform != "linux", reason="Linux")), False],
+                ids=["forks", "fresh"], autouse=True)
+def forks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Whether workers are forks; threads of the test runner wait and hold no lock."""
+    monkeypatch.setattr(_threads, "undisturbed", lambda: request.param)
+    return request.param
+
+
+def test_forks_hold_what_the_caller_holds_and_use_one_blas_thread(forks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its modules, at no memory of their own; a fresh interpreter has none of them."""
+    monkeypatch.setitem(sys.modules, "of_the_caller", sys)
+    threads = "[l['num_threads'] for l in __import__('threadpoolctl').threadpool_info() if l['user_api'] == 'blas']"
+    asked = f"('of_the_caller' in __import__('sys').modules, __import__('numpy') and {threads})"
+    found = [d.value for d in in_processes(eval, [asked] * 3, workers=2)]
+    assert [held for held, _ in found] == [forks] * 3
+    assert all(set(blas) == {1} for _, blas in found)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
@@ -87,13 +105,16 @@ def test_leaving_the_block_stops_the_call() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
-@pytest.mark.parametrize("without", ["", "_processes.ends_with_parent = lambda parent: None\n"], ids=["Linux", "other"])
-def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, without: str) -> None:
+@pytest.mark.parametrize("without", ["", "_workers.ends_with_parent = lambda parent: None\n"], ids=["Linux", "other"])
+def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, without: str, forks: bool) -> None:
     """By Linux's signal even in a call that keeps the interpreter's lock; elsewhere by the end of what they read."""
+    if forks and without:
+        pytest.skip("other systems have no forks")
     work = "__import__('time').sleep(600)" if without else "sum(iter(int, 1))"
     code = f"""
-        from lpvid import _processes
-        _processes.WORKER = "from lpvid import _processes\\n" + {without!r} + "_processes.serve({{}})"
+        from lpvid import _processes, _threads, _workers
+        _threads.undisturbed = lambda: {forks}
+        _workers.WORKER = "from lpvid import _workers\\n" + {without!r} + "_workers.serve({{}})"
         number = "__import__('os').write(1, b'%d' % __import__('os').getpid() + bytes([10]))"
         _processes.in_processes(eval, [number + " and {work}"] * 2, workers=2)
     """

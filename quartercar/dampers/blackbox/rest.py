@@ -15,6 +15,9 @@ from quartercar.dampers.drive import Drive
 
 HOLD = (64, 4096)
 """samples for which a velocity is held to see where the force settles, at first and at most."""
+PART = 1 << 16
+"""samples of a run in memory at a time: eight hundred velocities held for 4096 each would be three million, and a
+self-scheduled model of twenty regressors lays 600 MB along them."""
 SETTLED = 1e-7
 """change over the last half, as a share of the largest force, at which it has."""
 
@@ -78,16 +81,28 @@ def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: fl
 
 
 def _held_runs(model: Inner, velocity: np.ndarray, current: float, displacement: float, hold: int) -> np.ndarray:
-    """(n, hold) force while each velocity is held, one after the other in a single run."""
+    """(n, hold) force while each velocity is held, one after the other in a single run; NaN from where it diverged.
+
+    The run is made in parts of whole holds: each goes on from the last inputs and forces of the one before.
+    """
     assert model.sample_time is not None
     passing = "velocity" not in [s.name for s in model.inputs]
-    v = np.repeat(velocity, hold)
-    x = displacement + (v * np.tile(np.arange(1 - hold, 1), velocity.size) * model.sample_time if passing else
-                        np.zeros(v.size))
-    drive = Drive(model.sample_time, *(np.concatenate([np.full(model.start, a[0]), a]) for a in
-                                       (v, x, np.full(v.size, current))))
-    run = simulate(model, record_of(drive, np.zeros(drive.n_samples)), np.zeros((model.start, 1)))
-    return run.output[model.start:, 0].reshape(-1, hold)
+    steps = np.arange(1 - hold, 1) if passing else np.zeros(hold)
+    out, before, past = np.full((velocity.size, hold), np.nan), None, np.zeros((model.start, 1))
+    for first in range(0, velocity.size, max(PART // hold, 1)):
+        held = velocity[first: first + max(PART // hold, 1)]
+        v = np.repeat(held, hold)
+        x = displacement + v * np.tile(steps, held.size) * model.sample_time
+        motion = np.array([v, x, np.full(v.size, current)])
+        if before is None:
+            before = np.repeat(motion[:, :1], model.start, axis=1)
+        drive = Drive(model.sample_time, *np.concatenate([before, motion], axis=1))
+        run = simulate(model, record_of(drive, np.zeros(drive.n_samples)), past)
+        out[first: first + held.size] = run.output[model.start:, 0].reshape(-1, hold)
+        if run.diverged_at is not None:
+            break
+        before, past = motion[:, v.size - model.start:], run.output[drive.n_samples - model.start:]
+    return out
 
 
 def _held_inputs(model: Inner, velocity: np.ndarray, current: float, displacement: float) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
 
@@ -221,7 +222,7 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
     """Fits, failures, and whether the work came to its end."""
     costs = [_cost(*_job(d, data, settings)) for d in suited]
     order = _order(costs, settings)
-    jobs = [_job(suited[place], data, settings) for place in order]
+    jobs = _Jobs([suited[place] for place in order], data, settings)
 
     def stated(done: int, running: list[int], left: float | None) -> None:
         names = ", ".join(suited[order[k]].name for k in running)
@@ -279,6 +280,25 @@ def _job(damper: Damper, data: Prepared, settings: CompareSettings) -> _Job:
     records = tuple(stretches(data.training, _affordable(damper, settings), STRETCH))
     samples = sum(r.n_samples for r in records)
     return damper, records, replace(effort, tolerance=max(effort.tolerance, SETTLED**2 / samples))
+
+
+class _Jobs(Sequence[_Job]):
+    """The fits of these dampers; stretches of the records are cut when a job is taken."""
+
+    def __init__(self, dampers: Sequence[Damper], data: Prepared, settings: CompareSettings) -> None:
+        self.dampers, self.data, self.settings = dampers, data, settings
+
+    def __len__(self) -> int:
+        return len(self.dampers)
+
+    @overload
+    def __getitem__(self, place: int) -> _Job: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[_Job]: ...
+    def __getitem__(self, place: int | slice) -> _Job | list[_Job]:
+        if isinstance(place, slice):
+            return [self[k] for k in range(*place.indices(len(self)))]
+        return _job(self.dampers[place], self.data, self.settings)
 
 
 def _fitted(job: _Job) -> DamperFit:

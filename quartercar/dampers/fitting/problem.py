@@ -98,10 +98,20 @@ class DamperFitProblem:
         (m, len(columns)) array
             [N per unit of the parameter].
         """
-        start = self.damper.start
+        start, found, done = self.damper.start, None, 0
         with np.errstate(all="ignore"):
-            found = np.concatenate([self.damper.sensitivity(d, theta, columns)[start:] for d in self.drives])
-        return np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+            for drive, length in zip(self.drives, self.lengths, strict=True):
+                part = self.damper.sensitivity(drive, theta, columns)[start:]
+                if found is None:  # one drive's columns are not copied, those of several are laid out as the first
+                    shape = sum(self.lengths), len(columns)
+                    found = part if len(self.drives) == 1 else np.empty_like(part, shape=shape)
+                if found is not part:
+                    found[done: done + length] = part
+                done += length
+        assert found is not None
+        if not np.isfinite(found).all():
+            np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        return found
 
 
 def sized_parameters(damper: FittedLaw, sizes: Sizes) -> tuple[Parameter, ...]:
@@ -187,7 +197,9 @@ class MovingFit:
         (m, k) array
             [N per unit of the coordinate].
         """
-        return self.problem.sensitivity(trial.theta, self.free) * self.coordinates.slope(trial.theta[self.free])
+        found = self.problem.sensitivity(trial.theta, self.free)
+        found *= self.coordinates.slope(trial.theta[self.free])
+        return found
 
 
 class ProjectedFit:
@@ -279,9 +291,11 @@ class ProjectedFit:
             [N per unit of the coordinate].
         """
         slope = self.coordinates.slope(trial.theta[~self.linear])
-        moved = self.problem.sensitivity(trial.theta, np.flatnonzero(~self.linear).tolist()) * slope
+        moved = self.problem.sensitivity(trial.theta, np.flatnonzero(~self.linear).tolist())
+        moved *= slope
         if trial.columns is None or not trial.columns.size:
             return moved
         scale = np.linalg.norm(trial.columns, axis=0)
         q = np.linalg.qr(trial.columns / np.where(scale > 0, scale, 1.0))[0]
-        return moved - q @ (q.T @ moved)
+        moved -= q @ (q.T @ moved)
+        return moved

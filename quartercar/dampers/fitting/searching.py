@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.covariance import estimate_covariance
-from lpvid.toolkit import single_thread
+from lpvid.toolkit import single_thread, triangular_factor
 from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.estimate import Estimate, Starts
@@ -391,7 +391,9 @@ def _identifiability(problem: DamperFitProblem, theta: np.ndarray, jacobian: np.
     kept = np.flatnonzero(~lost)
     if not kept.size:
         return tuple(out), tuple(names), float("inf")
-    scaled = np.linalg.qr(jacobian[:, free][:, kept] * sizes[kept], mode="r")
+    scaled = jacobian[:, np.flatnonzero(free)[kept]]
+    scaled *= sizes[kept]
+    scaled = triangular_factor(scaled)
     _, s, vt = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0).max(), full_matrices=False)
     relative = covariance[np.ix_(free, free)][np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])
     for k in range(s.size):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.toy_diagnosis import TRUE, Added, Bent, problem_of, record
@@ -88,3 +90,15 @@ def test_a_step_between_bounds_is_the_best_one_also_where_two_columns_are_one(ro
     cost = (x[:, None] + x) ** 2 / 2 - (x[:, None] + x)
     assert (found >= low).all() and (found <= high).all()
     assert found @ matrix @ found / 2 - right @ found <= cost.min() + 1e-9
+
+
+def test_a_single_record_is_stacked_where_it_is(rng: np.random.Generator) -> None:
+    """Oracle: the rows picked by numpy, of blocks with gaps between them."""
+    number = np.repeat(np.array([-1, 0, 1, -1, 2, -1]), [5, 4000, 3000, 700, 6000, 9])
+    for count in (1, 2):
+        problem = DiagnosisProblem((), SimpleNamespace(number=[number] * count))  # type: ignore[arg-type]
+        values = [rng.normal(size=(number.size, 3)) for _ in range(count)]
+        wanted = np.concatenate([v[number >= 0] for v in values])
+        found = problem.stack(iter(values), overwriting=True)
+        np.testing.assert_array_equal(found, wanted)
+        assert np.shares_memory(found, values[0]) == (count == 1) and found.flags.c_contiguous

@@ -92,7 +92,11 @@ def test_estimate_covariance_is_the_textbook_one_for_white_errors(rng: np.random
     assert estimate_covariance(j, e, (2000, 2000), free).covariance[1, 1] == np.inf
 
 
-def test_bartlett_is_the_sum_of_weighted_lagged_products(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("part", [65_536, 8])
+def test_bartlett_is_the_sum_of_weighted_lagged_products(part: int, rng: np.random.Generator,
+                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whole, and in parts shorter than a window."""
+    monkeypatch.setattr("lpvid.identification.covariance.PART", part)
     pieces = [rng.normal(size=(n, 3)) for n in (40, 7, 2)]
     expected = np.zeros((3, 3))
     for s in pieces:

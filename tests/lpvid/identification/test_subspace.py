@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from helpers.state_space_systems import StateSpaceSystem
 import lpvid as lpv
 from lpvid.errors import InputError
 from lpvid.identification.subspace import Subspace, _thinned
-from lpvid.identification.subspace_words import KernelWords, Trace, WrittenWords, _kernel, number_of_words
+from lpvid.identification.subspace_words import SPAN, KernelWords, Trace, WrittenWords, _kernel, number_of_words
 
 
 def traces(rng: np.random.Generator, lengths: tuple[int, ...]) -> list[Trace]:
@@ -50,6 +51,20 @@ def test_written_words_and_kernel_are_one_estimate(rng: np.random.Generator) -> 
         expected = written.rows(trace, letter, 3)
         np.testing.assert_allclose(kernel.rows(trace, letter, 3), expected, atol=1e-6 * np.abs(expected).max())
     assert expected.shape == (87, 3 * 2 * 1)
+
+
+def test_words_of_a_long_record_are_written_in_parts(rng: np.random.Generator) -> None:
+    """Ten minutes at 512 Hz took 1.4 GB: all words of all samples at once, which are the rows here."""
+    long, = traces(rng, (20_000,))
+    words = WrittenWords.fit(traces(rng, (300,)), 4)
+    tracemalloc.start()
+    rows = words.rows(long, np.array([1.0, 0.1]), 3)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < rows.nbytes + 0.5 * 8 * words.n_words * len(long.y)
+    cut = 3 * SPAN // 2  # a part of the record gives the same rows
+    part = Trace(*(a[:cut] for a in (long.phi, long.z, long.now, long.y)))
+    np.testing.assert_array_equal(words.rows(part, np.array([1.0, 0.1]), 3), rows[: cut - 4])
 
 
 def test_thinned_kernel_rows_spread_over_all_records(rng: np.random.Generator) -> None:

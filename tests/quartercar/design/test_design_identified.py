@@ -13,7 +13,7 @@ from helpers.known_dampers import STEP, damper
 from typer.testing import CliRunner
 
 import lpvid as lpv
-from lpvid._processes import _packed
+from lpvid._workers import packed
 from lpvid.errors import InputError
 from lpvid.synthesis.dissipative_feedback import KEPT
 from lpvid.synthesis.result import Synthesis
@@ -61,7 +61,7 @@ def seen(run, k: int) -> dict[str, np.ndarray]:
 def test_a_design_that_was_sent_does_not_study_the_damper_anew(task: DamperTask,
                                                                monkeypatch: pytest.MonkeyPatch) -> None:
     wanted = task.embedded
-    sent = pickle.loads(_packed(task).getvalue())
+    sent = pickle.loads(packed(task).getvalue())
 
     def again(*given: object) -> None:
         raise AssertionError("studied anew")

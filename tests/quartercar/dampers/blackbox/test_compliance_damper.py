@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import lpvid as lpv
 from lpvid.condition import resample, split_tail
 from lpvid.errors import InputError
 from lpvid.record import Record
+from quartercar.dampers.blackbox import rest
 from quartercar.dampers.blackbox.compliance import Compliance, QuasiLpv
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.fitting import FitSettings
@@ -127,3 +129,24 @@ def test_refusals() -> None:
     giving = measured(0, 2.0, turn=-1.0)
     with pytest.raises(InputError, match="opposite senses"):
         Compliance(lags=1).estimate([giving], FitSettings())
+
+
+def test_velocities_held_one_after_the_other_take_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the same in one run. 800 velocities that settle slowly took 600 MB, whatever the records' length."""
+    t = np.arange(800) / 500.8
+    v = 0.2 * np.sin(20 * t) + 0.1 * np.sin(43 * t)
+    training = Record({"velocity": v, "force": 800 * np.tanh(v / 0.05) + 300 * v}, 1 / 500.8,
+                      units={"velocity": "m/s", "force": "N"})
+    damper = QuasiLpv(lags=2, trial=1, segments=4).estimate([training], FitSettings()).damper
+    v = np.concatenate([-np.linspace(2, 0.01, 40), np.linspace(0.01, 2, 40)])
+    monkeypatch.setattr(rest, "SETTLED", -1.0)  # every velocity is held to the end
+    tracemalloc.start()
+    found = damper.static_force(v)
+    parts = tracemalloc.get_traced_memory()[1]
+    tracemalloc.reset_peak()
+    monkeypatch.setattr(rest, "PART", 1 << 24)
+    whole = damper.static_force(v)
+    once = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(found, whole)
+    assert parts < 0.4 * once
