@@ -404,12 +404,16 @@ def compared_rows(metadata: Mapping, records: Sequence[Record], pieces: Sequence
     -------
     RowComparison
     """
-    found = RowComparison(metadata)
-    period = found.sample_time
-    raw = period is not None and all(
-        r.has(output) and abs(r.time_base.period / period - 1) <= RATE_TOLERANCE for r in records)
-    for record in records if raw else pieces:
-        found.add(record[output], record.name)
+    found, period = RowComparison(metadata), RowComparison(metadata).sample_time
+    if period is not None and all(r.has(output) for r in records):
+        for record in records:
+            found.add(record[output], record.name)
+        alike = all(abs(r.time_base.period / period - 1) <= RATE_TOLERANCE for r in records)
+        if alike or found.label in (TRAINING, PARTLY):  # some of the training records may have another rate than the first
+            return found
+        found = RowComparison(metadata)
+    for piece in pieces:
+        found.add(piece[output], piece.name)
     return found
 
 

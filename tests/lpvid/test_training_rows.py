@@ -177,3 +177,12 @@ def test_a_record_that_was_written_with_fewer_digits_is_known_by_its_beginning(r
     assert label_of(known, known.round(7)) == "training"
     run_up = np.arange(40) ** 3.0  # the same in both, to the last digit, and nothing behind it is
     assert label_of(np.concatenate([run_up, known]), np.concatenate([run_up, rng.normal(size=400)])) == "partly training"
+
+
+def test_training_records_of_two_rates_are_both_known_again(whole) -> None:
+    slow = lpv.Record({n: whole[n][::2] for n in ("u", "y")}, 0.02, name="slow", units={"u": "V", "y": "N"})
+    for records in ([whole, slow], [slow, whole]):
+        model = lpv.identify(records, ARX, sample_rate=50.0).model
+        for part in (whole, slow, [whole, slow], whole.slice(3000, 7000), slow.slice(1001, 4000)):
+            assert lpv.validate(model, part).label == "training"
+            assert free_runs(model, part).label == "training"
