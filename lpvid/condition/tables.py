@@ -57,15 +57,15 @@ class ColumnTable:
     sample_time : float or None
     notes : sequence of str
         What was left out on reading.
-    origins : mapping of str to (datetime64, bool)
-        By column of calendar stamps, the instant from which its seconds count, and whether that is one of a time of day
-        without a date.
+    origins : mapping of str to (datetime64, str)
+        By column of calendar stamps, the instant from which its seconds count, and the kind of the stamps: "date",
+        "date with zone" or "time of day".
     """
 
     columns: Sequence[Column]
     sample_time: float | None = None
     notes: Sequence[str] = field(default_factory=tuple)
-    origins: Mapping[str, tuple[np.datetime64, bool]] = field(default_factory=dict)
+    origins: Mapping[str, tuple[np.datetime64, str]] = field(default_factory=dict)
 
 
 def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float | None,
