@@ -64,7 +64,7 @@ def _recognisable(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
 
 
 def _information(stretches: np.ndarray) -> np.ndarray:
-    """Bits in the differences of the rows of each stretch, by how often each value occurs in it; 0 with missing ones."""
+    """Bits in the steps from row to row of each stretch, by how often each occurs in it; 0 with missing rows."""
     n, steps_of = len(stretches), stretches.shape[1] - 1
     steps = np.sort(np.diff(stretches, axis=1), axis=1)
     scale = np.maximum(np.abs(stretches).max(axis=1, keepdims=True), np.finfo(float).tiny)
@@ -206,8 +206,8 @@ class _Compared:
     """What has been found of one record: its rows, whether some, or not all, are training rows.
 
     `open` are the places between two prints at which the record, were it a part of the training rows, could begin
-    without a stretch of which the print is kept: none, and it is no such part. Of the rows `tail` and `new`, the new ones
-    are still to be compared.
+    without a stretch of which the print is kept: none, and it is no such part. Of the rows `tail` and `new`, the new
+    ones are still to be compared.
     """
 
     name: str
@@ -259,7 +259,7 @@ class RowComparison:
 
     @property
     def needed(self) -> int | None:
-        """Rows from which a moving record is sure to hold a stretch of which the print is kept; None without prints."""
+        """Rows from which a moving record is sure to hold a stretch with a print that is kept; None without prints."""
         return None if self.spacing is None else self.spacing + ROWS - 1
 
     def add(self, values: np.ndarray, name: str, continues: bool = False) -> None:
@@ -409,7 +409,7 @@ def compared_rows(metadata: Mapping, records: Sequence[Record], pieces: Sequence
         for record in records:
             found.add(record[output], record.name)
         alike = all(abs(r.time_base.period / period - 1) <= RATE_TOLERANCE for r in records)
-        if alike or found.label in (TRAINING, PARTLY):  # some of the training records may have another rate than the first
+        if alike or found.label in (TRAINING, PARTLY):  # some training records may have another rate than the first
             return found
         found = RowComparison(metadata)
     for piece in pieces:

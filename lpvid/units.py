@@ -162,11 +162,11 @@ _ORDER = ("kg", "m", "s", "A", "K", "rad")
 _HEADER = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$", re.DOTALL)
 _ROUND_HEADER = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$", re.DOTALL)
 _SLASH_HEADER = re.compile(r"^(?P<name>.*?\S)\s+/\s+(?:\((?P<bracketed>[^()]*)\)|(?P<unit>\S.*))$", re.DOTALL)
-"""``Force / N`` and ``Velocity / (m/s)``, as ISO 80000-1 writes a quantity over its unit; without the spaces ``F/N`` may
-be a name."""
+"""``Force / N`` and ``Velocity / (m/s)``, as ISO 80000-1 writes a quantity over its unit; without the spaces ``F/N``
+may be a name."""
 _LETTERS = frozenset("mgsAKNJWCVFSTHdhlLt")
-"""Units of one letter that the SI brochure has (tables 2, 4 and 8). Pint also knows a year, a barn, the speed of light, a
-bel: ``force (a)`` and ``force (b)`` are names, and so is ``L / R``."""
+"""Units of one letter that the SI brochure has (tables 2, 4 and 8). Pint also knows a year, a barn, the speed of light:
+``force (a)`` and ``force (b)`` are names, and so is ``L / R``."""
 _CAPITALISED = re.compile(r"[A-Z](?:[a-z]{3,}|mp|ec)")
 """A unit written out with a capital, Newton or Millimeter, Amp, Sec; shorter ones are symbols, in which it counts."""
 _QUANTITY = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>(?:\D.*)?)$", re.DOTALL)

@@ -117,9 +117,9 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
         for content in _batches(batches, rows, behind):
             kinds = {f.name: f.type for f in file.schema_arrow if pa.types.is_timestamp(f.type)}
             found = _batch_columns(content, period, origin, thousands)
-            yield ColumnTable(*found, {headed(n)[0]: (np.datetime64(ticks, kinds[n].unit),
-                                                      DATE_WITH_ZONE if kinds[n].tz else DATE)
-                                       for n, ticks in origin.items()})
+            yield ColumnTable(*found, origins={headed(n)[0]: (np.datetime64(ticks, kinds[n].unit),
+                                                              DATE_WITH_ZONE if kinds[n].tz else DATE)
+                                               for n, ticks in origin.items()})
 
 
 def _text_thousands(file: Any, columns: Sequence[str] | None) -> dict[str, str]:

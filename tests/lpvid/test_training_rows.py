@@ -143,7 +143,7 @@ def label_of(known: np.ndarray, record: np.ndarray, piece: int | None = None) ->
 
 
 def test_where_training_rows_end_is_found_in_pieces_of_any_length(rng) -> None:
-    """The piece that ends where they do holds no other row, and in pieces shorter than from print to print none does."""
+    """A piece that ends where they do holds no other row, and one that is shorter than from print to print none."""
     known = rng.normal(size=20_000)
     for whole in (np.concatenate([known, rng.normal(size=10_000)]), np.concatenate([rng.normal(size=10_000), known])):
         for piece in (None, 10_000, 50):
@@ -176,7 +176,8 @@ def test_a_record_that_was_written_with_fewer_digits_is_known_by_its_beginning(r
     known = rng.normal(size=4000)
     assert label_of(known, known.round(7)) == "training"
     run_up = np.arange(40) ** 3.0  # the same in both, to the last digit, and nothing behind it is
-    assert label_of(np.concatenate([run_up, known]), np.concatenate([run_up, rng.normal(size=400)])) == "partly training"
+    other = np.concatenate([run_up, rng.normal(size=400)])
+    assert label_of(np.concatenate([run_up, known]), other) == "partly training"
 
 
 def test_training_records_of_two_rates_are_both_known_again(whole) -> None:

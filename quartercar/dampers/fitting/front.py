@@ -15,6 +15,7 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from lpvid.training_fingerprint import of_files, ranges, usual_range
 from lpvid.training_rows import TrainingRows
 from quartercar.dampers.contract import Damper
@@ -76,6 +77,7 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     settings = settings or FitSettings()
     channels = tuple(dict.fromkeys(("velocity", *damper.reads, "force")))  # velocity for the energy in the figures
     raw = as_records(records, units=units)
+    _refuse_lacking(damper, with_derived(raw, channels))
     training = prepared(raw, channels, damper.start, settings.sample_rate)
     if not training:
         raise InputError("no records to fit to")
@@ -93,6 +95,20 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
              *found.notes)
     return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),
                      time.perf_counter() - began)
+
+
+def _refuse_lacking(damper: Damper, records: Sequence[Record]) -> None:
+    """Refuse records without a channel that the damper reads; states the part that reads it where one can do without."""
+    for record, role in ((r, n) for r in records for n in damper.reads if not r.has(n)):
+        kind = type(damper).__name__
+        for name, value in damper.settings.items():
+            without = type(damper)(**{**damper.settings, name: False}) if value is True else damper
+            if role not in without.reads:
+                parts = ", ".join(n for n in damper.names if n not in without.names)
+                raise InputError(f"{kind}: record '{record.name}' has no {role}, which its {parts} reads",
+                                 mend=f"{kind}({name}=False) is without; or {checks.role_mend(role)}")
+        raise InputError(f"{kind} reads the {role}, which record '{record.name}' does not have",
+                         got=", ".join(record.channels), mend=checks.role_mend(role))
 
 
 def _constant(damper: Damper, records: Sequence[Record]) -> tuple[str, ...]:
