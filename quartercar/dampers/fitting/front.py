@@ -98,7 +98,7 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
 
 
 def _refuse_lacking(damper: Damper, records: Sequence[Record]) -> None:
-    """Refuse records without a channel that the damper reads; states the part that reads it where one can do without."""
+    """Refuse records without a channel that the damper reads; states which part reads it, where one can do without."""
     for record, role in ((r, n) for r in records for n in damper.reads if not r.has(n)):
         kind = type(damper).__name__
         for name, value in damper.settings.items():
