@@ -165,6 +165,30 @@ class TrainingRows:
             self.prints |= dict(zip((begin + kept).tolist(), _prints(joined, kept).tolist(), strict=True))
         self.tail = joined[joined.size - min(ROWS - 1, joined.size):].tolist()
 
+    @classmethod
+    def merged(cls, several: Sequence[TrainingRows]) -> TrainingRows:
+        """Those of parts that were taken in apart, one after the other.
+
+        Parameters
+        ----------
+        several : sequence of TrainingRows
+
+        Returns
+        -------
+        TrainingRows
+        """
+        found = cls(sample_time=several[0].sample_time if several else None)
+        found.spacing = max((part.spacing for part in several), default=1)
+        for part in several:  # each begins where a print may stand that it has kept
+            begin = -(-found.rows // found.spacing) * found.spacing
+            found.prints |= {begin + k: v for k, v in part.prints.items() if k % found.spacing == 0}
+            found.rows = begin + part.rows
+            found.heads += part.heads[:HEADS - len(found.heads)]
+        while found.rows > found.spacing * STRETCHES:
+            found.spacing *= 2
+        found.prints = {k: v for k, v in found.prints.items() if k % found.spacing == 0}
+        return found
+
     def to_dict(self) -> dict[str, Any]:
         """For ``metadata["training"]["rows"]``.
 

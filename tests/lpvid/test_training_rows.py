@@ -187,3 +187,19 @@ def test_training_records_of_two_rates_are_both_known_again(whole) -> None:
         for part in (whole, slow, [whole, slow], whole.slice(3000, 7000), slow.slice(1001, 4000)):
             assert lpv.validate(model, part).label == "training"
             assert free_runs(model, part).label == "training"
+
+
+def test_prints_of_parts_that_were_taken_in_apart_know_each_of_them(rng) -> None:
+    for sizes in ((9000, 400, 30_000), (300,) * 40):
+        parts = [rng.normal(size=n) for n in sizes]
+        several = [TrainingRows() for _ in parts]
+        for rows, values in zip(several, parts, strict=True):
+            rows.add(values)
+        found = TrainingRows.merged(several)
+        assert 0 < len(found.prints) <= STRETCHES and len(found.heads) == len(parts)
+        metadata = {"training": {"rows": found.to_dict()}}
+        assert found.spacing * STRETCHES >= sum(sizes)
+        for values, label in [(values, "training") for values in parts] + [(rng.normal(size=900), "held-out")]:
+            compared = RowComparison(metadata)
+            compared.add(values, "run")
+            assert compared.label == label
