@@ -148,7 +148,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     progress("comparing")
     first = max(d.start for d in dampers)
     rows = _rows(dampers, [*fits, *([None] * len(given))], data, first, settings.workers)
-    rows = [*rows[:len(fits)], *(_known_before(row, kept, data) for row in rows[len(fits):])]
+    rows = [_known_before(row, kept, data) for row in rows]
     rows.sort(key=lambda row: np.inf if row.held_out.total.esr is None else row.held_out.total.esr)
     return Comparison(tuple(rows), tuple(refused), data, first, (*data.notes, *notes, *_thinned(fits, data)), complete)
 
@@ -327,7 +327,7 @@ def _thinned(fits: Sequence[DamperFit], data: Prepared) -> tuple[str, ...]:
 
 
 def _known_before(row: Compared, kept: Sequence[Record], data: Prepared) -> Compared:
-    """The row of a model as given, flagged where it was fitted to rows of the held-out data (`kept`, as read)."""
+    """The row, flagged where its model was fitted to rows of the held-out data (`kept`, as read)."""
     label = compared_rows(row.damper.metadata, kept, data.held_out, "force").label
     return replace(row, flags=(*row.flags, FITTED_BEFORE)) if label in (TRAINING, PARTLY) else row
 

@@ -17,7 +17,7 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
 from lpvid.training_fingerprint import of_files, ranges, usual_range
-from lpvid.training_rows import TrainingRows
+from lpvid.training_rows import PARTLY, TRAINING, TrainingRows, compared_rows
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import check_passivity
 from quartercar.dampers.evaluation.scoring import Score, score
@@ -81,7 +81,8 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     training = prepared(raw, channels, damper.start, settings.sample_rate)
     if not training:
         raise InputError("no records to fit to")
-    kept = prepared(as_records(held_out, "held-out", units), channels, damper.start, settings.sample_rate)
+    apart = as_records(held_out, "held-out", units)
+    kept = prepared(apart, channels, damper.start, settings.sample_rate)
     _one_rate(training, kept)
     damper, stated, polarity_note = _placed(damper, training, kept, settings.polarity)
     found = damper.estimate(training, settings)
@@ -90,7 +91,7 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     outside = score(found.damper, kept) if kept else None
     passivity = check_passivity(found.damper)
     giving = () if passivity.passive else (f"not passive: {passivity.description}",)
-    flags = (*stated, *giving, *_beyond(found.damper, outside))
+    flags = (*stated, *giving, *_beyond(found.damper, outside), *_seen(found.damper, apart, kept))
     notes = (*polarity_note, *_constant(found.damper, training), *(n for r in (*training, *kept) for n in r.notes),
              *found.notes)
     return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),
@@ -130,6 +131,13 @@ def _beyond(damper: Damper, outside: Score | None) -> tuple[str, ...]:
     low, high = damper.current_range
     return (f"extrapolation: {100 * outside.extrapolation_share:.2g} % of the held-out currents lie outside the fitted "
             f"{low:.4g} to {high:.4g} {damper.current_unit}",)
+
+
+def _seen(damper: Damper, raw: Sequence[Record], kept: Sequence[Record]) -> tuple[str, ...]:
+    """A flag where held-out data, as read and as prepared, hold rows that the damper was fitted to."""
+    if not kept or compared_rows(damper.metadata, raw, kept, "force").label not in (TRAINING, PARTLY):
+        return ()
+    return ("fitted-before: the held-out data hold rows that the fit has seen",)
 
 
 def prepared(records: Record | Sequence[Record], channels: Sequence[str], start: int,
