@@ -24,10 +24,15 @@ HEADS = 64
 BITS = 48
 """information of a stretch that is kept: 512 stretches against 1e8 rows are 2^36 comparisons, of which with 2^-48 each
 one in 4000 sets agrees by chance."""
+HEAD_BITS = 18
+"""information of first rows by which a record is recognised: beside `HEADS`, 2^6, of them one record in 2^12 agrees by
+chance; a step from rest, or one to and fro, holds less."""
 HASH_BITS = 52
 """of a print: whole numbers that JSON holds exactly, and as unlikely to agree by chance."""
 BLOCK = 4096
 """stretches examined at once."""
+LONG = 1 << 20
+"""stretches of which the prints are compared at once: 8 MB for each array."""
 AGREES = 1e-6
 """share of the range of first rows by which they may differ from those of a record that was written anew."""
 MULTIPLIERS = np.random.default_rng(20_260_101).integers(0, 2**63, ROWS, dtype=np.int64).view(np.uint64) * 2 + 1
@@ -54,17 +59,20 @@ def _prints(values: np.ndarray, starts: slice | np.ndarray = slice(None)) -> np.
 def _recognisable(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Which stretches hold at least `BITS` of information in the differences of their rows, and no missing one."""
     blocks = [starts[k: k + BLOCK] for k in range(0, len(starts), BLOCK)]
-    return np.concatenate([_informative(sliding_window_view(values, ROWS)[b]) for b in blocks] or [np.zeros(0, bool)])
+    found = [_information(sliding_window_view(values, ROWS)[b]) >= BITS for b in blocks]
+    return np.concatenate(found or [np.zeros(0, bool)])
 
 
-def _informative(stretches: np.ndarray) -> np.ndarray:
+def _information(stretches: np.ndarray) -> np.ndarray:
+    """Bits in the steps from row to row of each stretch, by how often each occurs in it; 0 with missing rows."""
+    n, steps_of = len(stretches), stretches.shape[1] - 1
     steps = np.sort(np.diff(stretches, axis=1), axis=1)
     scale = np.maximum(np.abs(stretches).max(axis=1, keepdims=True), np.finfo(float).tiny)
     new = np.diff(steps, axis=1) > 1e-9 * scale
-    level = np.concatenate([np.zeros((len(stretches), 1), int), np.cumsum(new, axis=1)], axis=1)
-    counts = (level[:, :, None] == level[:, None, :]).sum(axis=2)
-    bits = np.log2((ROWS - 1) / counts).sum(axis=1)
-    return np.isfinite(stretches).all(axis=1) & (bits >= BITS)
+    level = steps_of * np.arange(n)[:, None] + np.pad(np.cumsum(new, axis=1), ((0, 0), (1, 0)))
+    counts = np.bincount(level.ravel(), minlength=n * steps_of).reshape(n, steps_of)
+    bits = (counts * np.log2(steps_of / np.maximum(counts, 1))).sum(axis=1)
+    return np.where(np.isfinite(stretches).all(axis=1), bits, 0.0)
 
 
 def _first(values: np.ndarray) -> np.ndarray:
@@ -157,6 +165,30 @@ class TrainingRows:
             self.prints |= dict(zip((begin + kept).tolist(), _prints(joined, kept).tolist(), strict=True))
         self.tail = joined[joined.size - min(ROWS - 1, joined.size):].tolist()
 
+    @classmethod
+    def merged(cls, several: Sequence[TrainingRows]) -> TrainingRows:
+        """Those of parts that were taken in apart, one after the other.
+
+        Parameters
+        ----------
+        several : sequence of TrainingRows
+
+        Returns
+        -------
+        TrainingRows
+        """
+        found = cls(sample_time=several[0].sample_time if several else None)
+        found.spacing = max((part.spacing for part in several), default=1)
+        for part in several:  # each begins where a print may stand that it has kept
+            begin = -(-found.rows // found.spacing) * found.spacing
+            found.prints |= {begin + k: v for k, v in part.prints.items() if k % found.spacing == 0}
+            found.rows = begin + part.rows
+            found.heads += part.heads[:HEADS - len(found.heads)]
+        while found.rows > found.spacing * STRETCHES:
+            found.spacing *= 2
+        found.prints = {k: v for k, v in found.prints.items() if k % found.spacing == 0}
+        return found
+
     def to_dict(self) -> dict[str, Any]:
         """For ``metadata["training"]["rows"]``.
 
@@ -195,14 +227,21 @@ class TrainingRows:
 # -- comparison ------------------------------------------------------------------------------------------------------
 @dataclass
 class _Compared:
-    """What has been found of one record: its rows, whether some, or not all, are training rows."""
+    """What has been found of one record: its rows, whether some, or not all, are training rows.
+
+    `open` are the places between two prints at which the record, were it a part of the training rows, could begin
+    without a stretch of which the print is kept: none, and it is no such part. Of the rows `tail` and `new`, the new
+    ones are still to be compared.
+    """
 
     name: str
+    open: np.ndarray
     rows: int = 0
     seen: bool = False
     other: bool = False
     first: np.ndarray = field(default_factory=lambda: np.zeros(0))
     tail: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    new: list[np.ndarray] = field(default_factory=list)
 
 
 class RowComparison:
@@ -238,13 +277,13 @@ class RowComparison:
         known = known if isinstance(known, Mapping) else {}
         self.sample_time: float | None = known.get("sample_time")
         self.spacing: int | None = known.get("spacing") if known.get("prints") else None
-        self.prints = np.array(known.get("prints", []), dtype=np.uint64)
+        self.prints = np.sort(np.array(known.get("prints", []), dtype=np.uint64))
         self.heads = [np.asarray(h, dtype=float) for h in known.get("heads", [])]
         self.records: list[_Compared] = []
 
     @property
     def needed(self) -> int | None:
-        """Rows from which a record is sure to hold a stretch of which the print is kept; None where there are none."""
+        """Rows from which a moving record is sure to hold a stretch with a print that is kept; None without prints."""
         return None if self.spacing is None else self.spacing + ROWS - 1
 
     def add(self, values: np.ndarray, name: str, continues: bool = False) -> None:
@@ -260,38 +299,65 @@ class RowComparison:
         """
         values = np.asarray(values, dtype=float)
         if not continues:
-            self.records.append(_Compared(name))
+            self.records.append(_Compared(name, np.ones(self.spacing or 1, dtype=bool)))
         own = self.records[-1]
         own.rows += values.size
         if own.first.size < ROWS:
             own.first = _first(np.concatenate([own.first, values]))
-        joined = np.concatenate([own.tail, values])
-        own.tail = joined[joined.size - min(ROWS - 1, joined.size):].copy()
-        if self.spacing is None or joined.size < ROWS:
+        if self.spacing is None:
             return
-        found = np.isin(_prints(joined), self.prints)
-        at = np.flatnonzero(found)
-        if not at.size:
-            return
-        own.seen = True
-        beside = np.unique(np.concatenate([at - self.spacing, at + self.spacing]))
-        beside = beside[(beside >= 0) & (beside < found.size)]
-        beside = beside[~found[beside]]  # of training rows that go on, these would be known, where they are any
-        own.other |= bool(beside.size and _recognisable(joined, beside).any())
+        own.new.append(values)
+        if sum(v.size for v in own.new) >= self.spacing:  # fewer would be compared anew with each piece
+            self._compare(own, self.spacing)
 
-    def _begins(self, own: _Compared) -> bool:
-        """Whether a record begins with the first rows of a training record, or is shorter than these and has them."""
+    def _compare(self, own: _Compared, spacing: int) -> None:
+        """Compare what has arrived of a record: with the rows before, back to where the last print would stand."""
+        joined = np.concatenate([own.tail, *own.new])
+        begin = own.rows - joined.size
+        known = max(own.tail.size - ROWS + 1, 0)
+        own.tail, own.new = joined[joined.size - min(spacing + ROWS - 1, joined.size):].copy(), []
+        if joined.size < ROWS:
+            return
+        found = np.concatenate([self._known(joined[k: k + LONG + ROWS - 1])
+                                for k in range(0, joined.size - ROWS + 1, LONG)])
+        at = np.flatnonzero(found)
+        if at.size:
+            own.seen = True
+            beside = np.unique(np.concatenate([at - spacing, at + spacing]))
+            beside = beside[(beside >= 0) & (beside < found.size)]
+            beside = beside[~found[beside]]  # of training rows that go on, these would be known, where they are any
+            own.other |= bool(beside.size and _recognisable(joined, beside).any())
+        for first in range(known, found.size, BLOCK):
+            if own.seen or not own.open.any():
+                break
+            starts = np.arange(first, min(first + BLOCK, found.size))
+            starts = starts[own.open[(begin + starts) % spacing]]
+            own.open[(begin + starts[_recognisable(joined, starts)]) % spacing] = False
+
+    def _known(self, values: np.ndarray) -> np.ndarray:
+        """Whether the print of each stretch is one of the training rows'."""
+        prints = _prints(values)
+        return self.prints[np.searchsorted(self.prints, prints).clip(max=self.prints.size - 1)] == prints
+
+    def _begins(self, own: _Compared) -> np.ndarray | None:
+        """First rows of a training record with which a record begins, or which hold it where it is shorter."""
         n = own.first.size
-        heads = [h for h in self.heads if n > 1 and h.size >= n and np.ptp(h[:n]) > 0]
-        return any(min(np.abs(h[:n] - own.first).max(), np.abs(h[:n] + own.first).max()) <= AGREES * np.ptp(h)
-                   for h in heads)
+        if n < 2 or _information(own.first[None])[0] < HEAD_BITS:
+            return None
+        heads = [h[:n] for h in self.heads if h.size >= n]
+        return next((h for h in heads if min(np.abs(h - own.first).max(), np.abs(h + own.first).max())
+                     <= AGREES * np.ptp(h)), None)
 
     def _label(self, own: _Compared) -> str:
-        if own.seen or self._begins(own):
+        if own.new and self.spacing is not None:
+            self._compare(own, self.spacing)
+        if own.seen:
             return PARTLY if own.other else TRAINING
-        if not self.known or (self.needed is not None and own.rows >= self.needed):
-            return HELD_OUT
-        return OPEN if self.needed is not None or own.rows < ROWS else HELD_OUT
+        decided, head = not own.open.any(), self._begins(own)
+        if head is not None:  # rows that were written anew, with fewer digits, have other prints than these first ones
+            alike = np.array_equal(np.abs(_whole_numbers(head)), np.abs(_whole_numbers(own.first)))
+            return PARTLY if decided and alike else TRAINING
+        return HELD_OUT if decided or not self.known else OPEN
 
     @property
     def label(self) -> str:
@@ -328,12 +394,19 @@ class RowComparison:
     def _notes(self) -> tuple[str, ...]:
         labels = self._labels()
         seen = list(dict.fromkeys(r.name for r, label in labels if label in (TRAINING, PARTLY)))
-        brief = [r for r, label in labels if label == OPEN]
+        undecided = [r for r, label in labels if label == OPEN]
         found = (seen_remark(seen),) if seen else ()
+        brief = [r for r in undecided if r.rows < (self.needed or 0)]
         if brief:
             fewest = f"{min(r.rows for r in brief)} rows{' and more' if len(brief) > 1 else ''}"
             found += (f"not known to be held-out: {_listed([r.name for r in brief])}, whose {fewest} are too few to "
-                      f"decide whether the model was fitted to them; {self.needed or ROWS} rows are enough",)
+                      f"decide whether the model was fitted to them; {self.needed} rows are enough",)
+        alike = [r.name for r in undecided if r not in brief]
+        if alike:
+            why = ("the model keeps no rows of its training data" if self.needed is None else
+                   "too little of the output moves by more than a few steps of its resolution")
+            found += (f"not known to be held-out: {_listed(alike)}; {why} by which to decide whether the model was "
+                      "fitted to them",)
         return found
 
 
@@ -355,12 +428,16 @@ def compared_rows(metadata: Mapping, records: Sequence[Record], pieces: Sequence
     -------
     RowComparison
     """
-    found = RowComparison(metadata)
-    period = found.sample_time
-    raw = period is not None and all(
-        r.has(output) and abs(r.time_base.period / period - 1) <= RATE_TOLERANCE for r in records)
-    for record in records if raw else pieces:
-        found.add(record[output], record.name)
+    found, period = RowComparison(metadata), RowComparison(metadata).sample_time
+    if period is not None and all(r.has(output) for r in records):
+        for record in records:
+            found.add(record[output], record.name)
+        alike = all(abs(r.time_base.period / period - 1) <= RATE_TOLERANCE for r in records)
+        if alike or found.label in (TRAINING, PARTLY):  # some training records may have another rate than the first
+            return found
+        found = RowComparison(metadata)
+    for piece in pieces:
+        found.add(piece[output], piece.name)
     return found
 
 

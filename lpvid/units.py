@@ -161,8 +161,12 @@ _READABLE = ("N", "N/m", "N*s/m", "N*m", "N/s", "W", "Pa", "Pa*s", "Pa/s", "V", 
 _ORDER = ("kg", "m", "s", "A", "K", "rad")
 _HEADER = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$", re.DOTALL)
 _ROUND_HEADER = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$", re.DOTALL)
-_SLASH_HEADER = re.compile(r"^(?P<name>.*?\S)\s+/\s+(?P<unit>\S.*)$", re.DOTALL)
-"""``Force / N``, as ISO 80000-1 writes a quantity over its unit; without the spaces ``F/N`` may be a name."""
+_SLASH_HEADER = re.compile(r"^(?P<name>.*?\S)\s+/\s+(?:\((?P<bracketed>[^()]*)\)|(?P<unit>\S.*))$", re.DOTALL)
+"""``Force / N`` and ``Velocity / (m/s)``, as ISO 80000-1 writes a quantity over its unit; without the spaces ``F/N``
+may be a name."""
+_LETTERS = frozenset("mgsAKNJWCVFSTHdhlLt")
+"""Units of one letter that the SI brochure has (tables 2, 4 and 8). Pint also knows a year, a barn, the speed of light:
+``force (a)`` and ``force (b)`` are names, and so is ``L / R``."""
 _CAPITALISED = re.compile(r"[A-Z](?:[a-z]{3,}|mp|ec)")
 """A unit written out with a capital, Newton or Millimeter, Amp, Sec; shorter ones are symbols, in which it counts."""
 _QUANTITY = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>(?:\D.*)?)$", re.DOTALL)
@@ -172,7 +176,8 @@ _TOWER = re.compile(r"\)\s*(\*\*|\^)|(\*\*|\^)\s*\(|(\*\*|\^)[^*/^]*(\*\*|\^)|\d
 def parse_header(text: str) -> tuple[str, str | None]:
     """Split a column header ``name [unit]`` into its name and the unit's text.
 
-    ``name (unit)`` and ``name / unit`` are read alike where the unit is known: "force (filtered)" is a name.
+    ``name (unit)`` and ``name / unit`` are read alike where the unit is known: "force (filtered)" and "force (b)" are
+    names.
 
     Parameters
     ----------
@@ -195,10 +200,18 @@ def parse_header(text: str) -> tuple[str, str | None]:
     text = text.strip().strip("\"'").strip()
     match = _HEADER.match(text)
     if match is None:
-        match = _ROUND_HEADER.match(text) or _SLASH_HEADER.match(text)
-        unit = "" if match is None else match["unit"]
-        match = match if any(map(str.isalpha, unit)) and is_known(unit) else None
-    return (match["name"].strip(), match["unit"].strip()) if match else (text, None)
+        match = _SLASH_HEADER.match(text) or _ROUND_HEADER.match(text)
+        found = match.groupdict() if match else {}
+        unit = (found.get("unit") or found.get("bracketed") or "").strip()
+        return (found["name"].strip(), unit) if _stated(unit) else (text, None)
+    return match["name"].strip(), match["unit"].strip()
+
+
+def _stated(unit: str) -> bool:
+    """Whether text that round brackets or a slash set off from a name is a unit, and no part of the name."""
+    letters = unit in _LETTERS if len(unit) == 1 and unit.isalpha() and unit.isascii() else any(
+        c.isalpha() or c in "°%‰" for c in unit)
+    return letters and is_known(unit)
 
 
 def to_si(values: Any, unit: str | None) -> InSI:

@@ -102,6 +102,28 @@ class Command(TyperCommand):
         if not {p.name for p in self.params} & {"config", "template"}:
             self.params += _options(_file_options)
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As in click, whose parser leaves out of some errors the command that they belong to.
+
+        Parameters
+        ----------
+        ctx : click.Context
+            Of this command.
+        args : list of str
+            The command line behind the name.
+
+        Returns
+        -------
+        list of str
+            Of it what is left.
+        """
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:
+            if getattr(error, "ctx", ctx) is None:
+                error.ctx = ctx  # type: ignore[attr-defined]
+            raise
+
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Usage, what it does, examples, panels of options.
 

@@ -19,8 +19,8 @@ from lpvid.record import Channel, Record
 from lpvid.remark import ReadAs
 from lpvid.timebase import calendar_seconds
 
-_MEND_TIME = ("add a column 'time [s]', name the time column: --role {1}, or state the rate: --sample-rate HZ, in "
-              "Python read(..., roles={{'time': '{0}'}}) or sample_rate=HZ")
+_MEND_TIME = ("add a column 'time [s]', name the time column: --role {1}, or state the rate: --sample-rate {2}, in "
+              "Python read(..., roles={{'time': '{0}'}}) or sample_rate={2}")
 NO_TIME_UNIT = "gives no unit: taken as s"
 """How the note of a record ends whose clock has no stated unit."""
 
@@ -57,15 +57,18 @@ class ColumnTable:
     sample_time : float or None
     notes : sequence of str
         What was left out on reading.
-    origins : mapping of str to (datetime64, bool)
-        By column of calendar stamps, the instant from which its seconds count, and whether that is one of a time of day
-        without a date.
+    scalars : mapping of str to float
+        Single numbers beside the columns, of which one may be the rate under a name of the user's.
+    origins : mapping of str to (datetime64, str)
+        By column of calendar stamps, the instant from which its seconds count, and the kind of the stamps: "date",
+        "date with zone" or "time of day".
     """
 
     columns: Sequence[Column]
     sample_time: float | None = None
     notes: Sequence[str] = field(default_factory=tuple)
-    origins: Mapping[str, tuple[np.datetime64, bool]] = field(default_factory=dict)
+    scalars: Mapping[str, float] = field(default_factory=dict)
+    origins: Mapping[str, tuple[np.datetime64, str]] = field(default_factory=dict)
 
 
 def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float | None,
@@ -128,7 +131,7 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
             lacking, like = _lacking_clock(readings), _like_time(signals)
             raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals),
                              why=f"the clock of the model's training data, {lacking}, is not there" if lacking else "",
-                             mend=_MEND_TIME.format(like, quote(f"time={like}")))
+                             mend=_MEND_TIME.format(like, quote(f"time={like}"), _like_rate(table.scalars)))
         period = 1.0 / sample_rate
     own = None if named is None or asked else _time_column(columns, None, where)
     if own is not None and own is not clock:
@@ -285,6 +288,20 @@ def _like_time(columns: Sequence[Column]) -> str:
         return "COLUMN"
     column, match = found[0]
     return f"{column.name} [{match['unit']}]" if match["unit"] else column.name
+
+
+_RATE_NAME = re.compile(r"f_?s(?:amp(?:le|ling)?)?(?:_?hz)?|samp(?:le|ling)_?(?:rate|freq(?:uency)?)|abtastrate",
+                        re.IGNORECASE)
+_PERIOD_NAME = re.compile(r"t_?s(?:amp(?:le)?)?|d_?t|delta_?t|samp(?:le|ling)_?(?:time|period|interval)|abtastzeit",
+                          re.IGNORECASE)
+
+
+def _like_rate(scalars: Mapping[str, float]) -> str:
+    """The rate [Hz] that a single number of the file seems to state; else a placeholder."""
+    positive = {name: value for name, value in scalars.items() if np.isfinite(value) and value > 0}
+    rates = [value for name, value in positive.items() if _RATE_NAME.fullmatch(name)]
+    rates += [1 / value for name, value in positive.items() if _PERIOD_NAME.fullmatch(name)]
+    return f"{rates[0]:.9g}" if rates else "HZ"
 
 
 def _time_column(columns: Sequence[Column], named: str | None, where: str) -> Column | None:

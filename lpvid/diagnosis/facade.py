@@ -26,6 +26,7 @@ from lpvid.diagnosis.preparing import ROLES, PreparedRecords, prepare
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.training_fingerprint import of_files, recalled
+from lpvid.training_rows import PARTLY, TRAINING, TrainingRows, compared_rows
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -245,6 +246,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     extended = None if found.extended is None else _with_roles(
         found.extended.remembering(prepared.training, _training_rows(task)), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
+    notes += _seen_rows(task)
     return replace(_with_channel_names(found, task.raw), audit=audited or audit_raw(), notes=(*found.notes, *notes),
                    extended=extended, baseline=baseline_text)
 
@@ -316,6 +318,17 @@ def _training_rows(task: DiagnosisTask) -> Sequence[Record]:
     """The training records as read, where they have the baseline's output: resampled ones have other rows."""
     raw = task.raw[:task.n_training]
     return raw if all(r.has(task.baseline.output) for r in raw) else ()
+
+
+def _seen_rows(task: DiagnosisTask) -> tuple[str, ...]:
+    """A note where held-out records hold rows of the training records."""
+    apart = task.raw[len(task.raw) if task.n_training is None else task.n_training:]
+    if not apart or not task.prepared.held_out:
+        return ()
+    output = task.baseline.output
+    known = TrainingRows.of(_training_rows(task) or task.prepared.training, output).to_dict()
+    label, notes = compared_rows({"training": {"rows": known}}, apart, task.prepared.held_out, output).labelled()
+    return notes if label in (TRAINING, PARTLY) else ()
 
 
 def _by_roles(model: Any) -> Any:

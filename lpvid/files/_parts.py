@@ -14,7 +14,7 @@ import numpy as np
 from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files import csv, mdf4, parquet
-from lpvid.files._stamps import TIME_OF_DAY
+from lpvid.files._stamps import DATE, DATE_WITH_ZONE
 from lpvid.files._table import fault_text, headed, stated_period, the_thousands, thousands_in
 
 Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[ColumnTable]]
@@ -36,7 +36,7 @@ def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None)
         raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
     layout = csv.with_thousands(path, csv._layout(path, where), where)
     line, row, midnights = layout.data_line, 0, layout.midnights()
-    origins = {headed(n)[0]: (s.origin, s.kind == TIME_OF_DAY)
+    origins = {headed(n)[0]: (s.origin, s.kind)
                for n, s in zip(layout.names, layout.stamps, strict=False) if s is not None}
     with path.open(encoding=layout.encoding, newline=None) as stream:
         lines = islice(stream, layout.data_line - 1, None)
@@ -115,10 +115,11 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
         groups, behind = _groups_from(file.metadata, first)
         batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
         for content in _batches(batches, rows, behind):
-            units = {f.name: f.type.unit for f in file.schema_arrow if pa.types.is_timestamp(f.type)}
+            kinds = {f.name: f.type for f in file.schema_arrow if pa.types.is_timestamp(f.type)}
             found = _batch_columns(content, period, origin, thousands)
-            yield ColumnTable(*found, {headed(n)[0]: (np.datetime64(ticks, units[n]), False)
-                                       for n, ticks in origin.items()})
+            yield ColumnTable(*found, origins={headed(n)[0]: (np.datetime64(ticks, kinds[n].unit),
+                                                              DATE_WITH_ZONE if kinds[n].tz else DATE)
+                                               for n, ticks in origin.items()})
 
 
 def _text_thousands(file: Any, columns: Sequence[str] | None) -> dict[str, str]:

@@ -13,8 +13,8 @@ from lpvid.files._table import MISSING, is_number
 
 DAY = 86400.0
 """[s]"""
-TIME_OF_DAY = "time of day"
-"""kind of a stamp without a date."""
+DATE, DATE_WITH_ZONE, TIME_OF_DAY = "date", "date with zone", "time of day"
+"""kinds of stamps."""
 _CLOCK = r"(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d{1,9})?)"
 _ZONE = r"(?P<zone>Z|[+-]\d{2}:?\d{2})?"
 _ISO = re.compile(rf"(?P<date>\d{{4}}-\d{{2}}-\d{{2}})[T ]{_CLOCK}{_ZONE}")
@@ -191,7 +191,7 @@ def instant(cell: str) -> Instant | None:
     if zone and zone != "Z":
         east = np.timedelta64(60 * int(zone[1:3]) + int(zone[-2:]), "m")
         at = at - east if zone[0] == "+" else at + east
-    return Instant(at, TIME_OF_DAY if found.re is _TIME else "date with zone" if zone else "date")
+    return Instant(at, TIME_OF_DAY if found.re is _TIME else DATE_WITH_ZONE if zone else DATE)
 
 
 def stamps(cells: Sequence[str]) -> Stamps | None:

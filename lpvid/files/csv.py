@@ -174,18 +174,20 @@ def _above_content(stream: Iterator[str]) -> tuple[list[tuple[int, str]], int]:
 
     ``# time [s],force [N]`` is what `numpy.savetxt` writes above numbers, ``% time`` what MATLAB users do.
     """
-    comment, number = (0, ""), 0
+    comment, number, above = (0, ""), 0, list[tuple[int, str]]()
     for number, line in enumerate(stream, 1):
         text = line.strip()
         if _is_comment(text):
             comment = number, text.lstrip("# \t")
         elif text.startswith("%"):
-            return [(number, text.lstrip("% \t"))], number
+            above = [(number, text.lstrip("% \t"))]
         elif text:
             first = number, line.rstrip("\n")
+            if above:
+                return [*above, first], number
             numbers = all(map(is_number, re.split(r"[\s,;]+", text.strip(",;"))))
             return [comment, first] if numbers and _as_many_cells(comment[1], text) else [first], number
-    return [], number
+    return above, number
 
 
 def _as_many_cells(header: str, row: str) -> bool:

@@ -168,7 +168,8 @@ def _table(tree: Tree, where: str) -> ColumnTable:
             notes.append(f"variable '{'.'.join(place)}' is left out: {size}, where vectors have {n} samples")
             continue
         columns += _columns(named[place], array.astype(float), _unit(tree, place))
-    return ColumnTable(columns, stated_period(stated, where), notes)
+    scalars = {p[-1]: float(a.item()) for p, a in arrays.items() if a.size == 1}
+    return ColumnTable(columns, stated_period(stated, where), notes, scalars)
 
 
 def _columns(name: str, array: np.ndarray, unit: str | None) -> list[Column]:

@@ -18,7 +18,7 @@ from lpvid.condition.tables import Column, ColumnTable, clock_of, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
-from lpvid.files._stamps import DAY
+from lpvid.files._stamps import DATE, DATE_WITH_ZONE, DAY, TIME_OF_DAY
 from lpvid.record import Record
 from lpvid.units import convert
 
@@ -264,6 +264,7 @@ def _length(path: Path) -> int:
     return 0
 
 
+_PLURAL = {DATE: "dates", DATE_WITH_ZONE: "dates with zone", TIME_OF_DAY: "times of day"}
 _Placed = tuple[int, int, ColumnTable]
 _ClockOf = Callable[[ColumnTable, int], Column | None]
 
@@ -277,13 +278,13 @@ class _SetClock:
     def __init__(self, clock: _ClockOf, parts: Sequence[Path]) -> None:
         self._clock, self._parts = clock, parts
         self._first: Column | None = None
-        self._origin: tuple[np.datetime64, bool] | None = None
+        self._origin: tuple[np.datetime64, str] | None = None
         self._last = np.nan
 
     def on(self, k: int, table: ColumnTable) -> ColumnTable:
         """The next table, of file `k`, on that clock."""
         own = self._clock(table, k)
-        if own is None or own.fault is not None or not own.values.size:
+        if own is None or own.fault is not None or not np.isfinite(own.values).any():
             return table
         origin = table.origins.get(own.name)
         if self._first is None:
@@ -293,22 +294,22 @@ class _SetClock:
             moved = _in_unit_of(self._first, own, str(self._parts[k]))
             near = np.abs(moved.values - self._last) <= 2 * np.spacing(abs(self._last))
             moved = replace(moved, values=np.where(near, self._last, moved.values))  # 2.005 s and 2005 ms
+        if (origin and origin[1]) != (self._origin and self._origin[1]):
+            kinds = ["numbers" if o is None else _PLURAL[o[1]] for o in (self._origin, origin)]
+            raise InputError(f"{self._parts[k]}: the clock has another kind of stamps than in the files before",
+                             got=f"{kinds[1]} behind {kinds[0]}", mend="export the files of a data set alike")
         if origin is not None and self._origin is not None:
             moved = replace(moved, values=moved.values + self._since(k, origin, moved.values))
         known = moved.values[np.isfinite(moved.values)]
         self._last = float(known[-1]) if known.size else self._last
         return replace(table, columns=[moved if c is own else c for c in table.columns])
 
-    def _since(self, k: int, origin: tuple[np.datetime64, bool], values: np.ndarray) -> float:
+    def _since(self, k: int, origin: tuple[np.datetime64, str], values: np.ndarray) -> float:
         """Seconds from the set's first instant to that of a file, over midnight where stamps have no date."""
         assert self._origin is not None
-        if origin[1] != self._origin[1]:
-            kinds = ["times of day" if daily else "dates" for _, daily in (self._origin, origin)]
-            raise InputError(f"{self._parts[k]}: the clock has another kind of stamps than in the files before",
-                             got=f"{kinds[1]} behind {kinds[0]}", mend="export the files of a data set alike")
         offset = float((origin[0] - self._origin[0]) / np.timedelta64(1, "s"))
         known = values[np.isfinite(values)]
-        if k and origin[1] and known.size and np.isfinite(self._last):
+        if k and origin[1] == TIME_OF_DAY and known.size and np.isfinite(self._last):
             offset += DAY * max(np.ceil((self._last - known[0] - offset) / DAY - 0.5), 0.0)
         return offset
 

@@ -21,6 +21,7 @@ from lpvid.fleet.plan import FleetPlan, Job
 from lpvid.fleet.state import StepOutcome, keep, short_hash
 from lpvid.identification.streaming import merged_factor
 from lpvid.scheduling import Scheduling
+from lpvid.training_fingerprint import of_files
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -358,7 +359,11 @@ def _solved(plan: FleetPlan, jobs: Sequence[Job], box: Scheduling, rate: float) 
     head = next(iter(steps.records(in_order[0], plan, rate)))
     heads = [replace(head.slice(0, 1), time=None, sample_time=1.0 / rate, name=j.name) for j in in_order]
     bound = replace(plan.structure, basis=plan.structure.basis.bound(box))
-    return bound.solved(heads, box, whole)
+    found = bound.solved(heads, box, whole)
+    known = found.model.metadata
+    training = {**known.get("training", {}), **steps.read_training(in_order)}
+    roles = of_files(heads, plan.structure.channels)
+    return found.replace(model=found.model.replace(metadata={**known, "training": training, **roles}))
 
 
 

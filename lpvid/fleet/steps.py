@@ -22,6 +22,7 @@ from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import stream_factor
 from lpvid.record import Record
 from lpvid.scheduling import Scheduling
+from lpvid.training_rows import TrainingRows
 
 if TYPE_CHECKING:
     from lpvid.files.streaming import Chunks
@@ -137,7 +138,8 @@ def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) ->
         found = stream_factor(records(job, plan, rate), plan.structure, box)
         target = job.folder / "factor.npz"
         part = target.with_suffix(".part.npz")
-        np.savez(part, r=found.factor.r, rows=found.factor.rows, columns=found.factor.columns)
+        training = json.dumps({"rows": found.rows.state(), "ranges": found.ranges})
+        np.savez(part, r=found.factor.r, rows=found.factor.rows, columns=found.factor.columns, training=training)
         part.replace(target)
         return f"{found.samples} samples"
 
@@ -344,6 +346,32 @@ def read_factor(job: Job) -> Factor:
     """
     with np.load(job.folder / "factor.npz") as data:
         return Factor(data["r"], int(data["rows"]), int(data["columns"]))
+
+
+def read_training(jobs: Sequence[Job]) -> dict[str, Any]:
+    """What a model keeps of its training data, from what `factor` left of several files.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        Files whose step `factor` is done.
+
+    Returns
+    -------
+    dict
+        Prints of rows and range of each channel; empty where a file was done by a version that kept none.
+    """
+    several = []
+    for job in jobs:
+        with np.load(job.folder / "factor.npz") as data:
+            if "training" not in data:
+                return {}
+            several.append(json.loads(str(data["training"])))
+    names = dict.fromkeys(n for one in several for n in one["ranges"])
+    spans = {n: np.array([one["ranges"][n] for one in several if n in one["ranges"]]) for n in names}
+    rows = TrainingRows.merged([TrainingRows.restored(one["rows"]) for one in several])
+    return {"rows": rows.to_dict(),
+            "ranges": {n: [float(s[:, 0].min()), float(s[:, 1].max())] for n, s in spans.items()}}
 
 
 def _roles(plan: FleetPlan) -> list[str]:

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 META = "meta"
+FORMAT = 2
+"""of what is kept: 2 has prints of training rows, where the one before had first samples. Another one is no state."""
 
 
 class Checkpoint:
@@ -27,7 +29,7 @@ class Checkpoint:
 
     def __init__(self, path: str | os.PathLike, about: object) -> None:
         self.path = Path(path)
-        self.key = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()
+        self.key = hashlib.sha256(json.dumps([FORMAT, about], sort_keys=True, default=str).encode()).hexdigest()
 
     def load(self) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
         """Plain data and arrays; None where there is no state, or one of something else, or a damaged one.

@@ -26,6 +26,7 @@ from lpvid.identification.stream_facts import Facts, box_of, located
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.training_fingerprint import of_files
+from lpvid.training_rows import TrainingRows
 
 
 def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box: Scheduling | None = None,
@@ -165,6 +166,10 @@ class StreamFactor:
         One sample of each record, with names and units.
     power, mean : (n_outputs,) arrays
         Sum of squares about the mean, and mean, of each output.
+    rows : TrainingRows
+        Prints of rows of the first output, by which a model recognises them.
+    ranges : dict of str to [float, float]
+        Lowest and highest value by channel.
     """
 
     factor: Factor
@@ -173,6 +178,8 @@ class StreamFactor:
     heads: tuple[Record, ...]
     power: np.ndarray
     mean: np.ndarray
+    rows: TrainingRows
+    ranges: dict[str, list[float]]
 
 
 def stream_factor(chunks: Iterable[Record], structure: ARX, box: Scheduling) -> StreamFactor:
@@ -199,7 +206,8 @@ def stream_factor(chunks: Iterable[Record], structure: ARX, box: Scheduling) -> 
     assert isinstance(batch, _Batch)
     heads = facts.named_heads()
     assert heads[0].sample_time is not None
-    return StreamFactor(batch.factor, facts.samples, heads[0].sample_time, tuple(heads), facts.power, facts.mean)
+    return StreamFactor(batch.factor, facts.samples, heads[0].sample_time, tuple(heads), facts.power, facts.mean,
+                        facts.rows, facts.ranges)
 
 
 def merged_factor(factors: Sequence[Factor], width: int = 64) -> Factor:

@@ -76,6 +76,10 @@ def test_a_missing_unit_is_si():
     ("x []", ("x", "")), ("F[ kN ]", ("F", "kN")), ("force (N)", ("force", "N")), ("a [b] c", ("a [b] c", None)),
     ("force (filtered)", ("force (filtered)", None)), ("Time (s)", ("Time", "s")), ("run (2)", ("run (2)", None)),
     ("[N]", ("", "N")), ("", ("", None)), ("F [N] [kN]", ("F [N]", "kN")),
+    ("Velocity / (m/s)", ("Velocity", "m/s")), ("Weg / mm", ("Weg", "mm")), ("Winkel / °", ("Winkel", "°")),
+    ("valve (%)", ("valve", "%")), ("angle (°)", ("angle", "°")), ("F/N", ("F/N", None)), ("a / b", ("a / b", None)),
+    ("L / R", ("L / R", None)), ("force (a)", ("force (a)", None)), ("force (b)", ("force (b)", None)),
+    ("R (Ω)", ("R", "Ω")), ("mass (t)", ("mass", "t")), ("rig / force / N", ("rig / force / N", None)),
 ])
 def test_header(text, expected):
     assert parse_header(text) == expected

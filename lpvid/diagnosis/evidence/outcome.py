@@ -256,8 +256,8 @@ class EvidenceOutcome:
             holding = (w for w, _ in self.selected.sets if e in w.effects)
             if w := next(holding, None):
                 parameters[e.name] = estimates(e, w.fit.vector[w.fit.composition.places[w.effects.index(e)]], None)
-        experiments = dict.fromkeys([m.effect.experiment, *(e.experiment for e in others)])
-        return Rivals((m.name, *(e.name for e in others)), float(1 - m.probability), "; or ".join(experiments),
+        experiments = [m.effect.experiment, *(e.experiment for e in others)]
+        return Rivals((m.name, *(e.name for e in others)), float(1 - m.probability), alternatives(experiments),
                       parameters)
 
     def _invisible(self, in_set: set[str]) -> tuple[CannotTell, ...]:
@@ -314,3 +314,28 @@ def _change_at(e: ScreeningResult, strength: float) -> float:
 def _place(wrong: Sequence[ErrorRegime]) -> str:
     return "; ".join(f"{w.where} ({w.share:.0%})" for w in wrong[:2]) or "in every part of the records alike"
 
+
+def alternatives(experiments: Sequence[str]) -> str:
+    """Experiments of several causes as one text, in which each part stands once, with its reason where it has one.
+
+    Parameters
+    ----------
+    experiments : sequence of str
+        Of each cause, in parts that a semicolon separates; a reason follows a colon.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> alternatives(["creep at two places: gas depends on them", "no load; creep at two places", "no load"])
+    'creep at two places: gas depends on them; or no load'
+    """
+    parts = [part for text in experiments for part in text.split("; ")]
+    repeated = {p for p in parts if any(q.startswith(f"{p}: ") for q in parts)}
+    found: list[str] = []
+    for text in experiments:
+        own = [p for p in text.split("; ") if p not in repeated and not any(p in t.split("; ") for t in found)]
+        found += ["; ".join(own)] if own else []
+    return "; or ".join(found)

@@ -26,10 +26,13 @@ FLAGS: Mapping[str, str] = {
     "undetermined": "the data leave a combination of parameters open",
     "reversed-polarity": "the records measure the force against the velocity",
     "extrapolates": "held-out currents lie outside those of the fit",
+    "fitted-before": "it was fitted to rows of these held-out data, which for it are training data",
 }
 """What each flag means."""
 HEADED = "reversed-polarity"
 """Flag that stands above the table, not in each of its rows."""
+FITTED_BEFORE = "fitted-before"
+"""Flag of a model whose held-out figure is in truth one on training data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +179,8 @@ class Comparison(Shown):
         if run.esr is None:
             return "No model simulates the held-out data: every free run diverges, or the force does not move."
         place = f" is best of {len(self.rows)} models" if len(self.rows) > 1 else ""
-        stated = (f"{best.title}{place}: free-run ESR {run.esr:.4g} on held-out data (fit "
+        seen = ", some of which it was fitted to" if FITTED_BEFORE in best.flags else ""
+        stated = (f"{best.title}{place}: free-run ESR {run.esr:.4g} on held-out data{seen} (fit "
                 f"{run.fit_percent:.1f} %, rmse {run.rmse:.4g} N)")
         if len(self.rows) > 1 and (second := self.rows[1].held_out.total.esr) is not None:
             stated += f", before {self.rows[1].title} with {second:.4g}"

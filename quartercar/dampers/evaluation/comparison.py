@@ -12,10 +12,11 @@ from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
 from lpvid.remark import OutOfTime
 from lpvid.toolkit import checks, in_forks, in_processes, processors
+from lpvid.training_rows import PARTLY, TRAINING, compared_rows
 from quartercar.dampers import model_class, model_names
 from quartercar.dampers.blackbox.lpv import LpvArx
 from quartercar.dampers.contract import Damper
-from quartercar.dampers.evaluation.compared import Compared, Comparison
+from quartercar.dampers.evaluation.compared import FITTED_BEFORE, Compared, Comparison
 from quartercar.dampers.evaluation.scoring import score, stretches, time_per_simulated_second
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper, LawDamper
@@ -148,6 +149,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     progress("comparing")
     first = max(d.start for d in dampers)
     rows = _rows(dampers, [*fits, *([None] * len(given))], data, first, settings.workers)
+    rows = [_known_before(row, kept, data) for row in rows]
     rows.sort(key=lambda row: np.inf if row.held_out.total.esr is None else row.held_out.total.esr)
     return Comparison(tuple(rows), tuple(refused), data, first, (*data.notes, *notes, *_thinned(fits, data)), complete)
 
@@ -342,6 +344,12 @@ def _thinned(fits: Sequence[DamperFit], data: Prepared) -> tuple[str, ...]:
     return ("fitted to stretches spread over the training data, to save time: "
             + ", ".join(f"{name} {share:.0%}" for name, share in seen) + " (figures are on all of them; --thorough "
             "fits to all)",)
+
+
+def _known_before(row: Compared, kept: Sequence[Record], data: Prepared) -> Compared:
+    """The row, flagged where its model was fitted to rows of the held-out data (`kept`, as read)."""
+    label = compared_rows(row.damper.metadata, kept, data.held_out, "force").label
+    return replace(row, flags=(*row.flags, FITTED_BEFORE)) if label in (TRAINING, PARTLY) else row
 
 
 def _rows(dampers: Sequence[Damper], fits: Sequence[DamperFit | None], data: Prepared, first: int,

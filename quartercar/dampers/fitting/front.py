@@ -15,8 +15,9 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from lpvid.training_fingerprint import of_files, ranges, usual_range
-from lpvid.training_rows import TrainingRows
+from lpvid.training_rows import PARTLY, TRAINING, TrainingRows, compared_rows
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.passivity import check_passivity
 from quartercar.dampers.evaluation.scoring import Score, score
@@ -76,10 +77,12 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     settings = settings or FitSettings()
     channels = tuple(dict.fromkeys(("velocity", *damper.reads, "force")))  # velocity for the energy in the figures
     raw = as_records(records, units=units)
+    _refuse_lacking(damper, with_derived(raw, channels))
     training = prepared(raw, channels, damper.start, settings.sample_rate)
     if not training:
         raise InputError("no records to fit to")
-    kept = prepared(as_records(held_out, "held-out", units), channels, damper.start, settings.sample_rate)
+    apart = as_records(held_out, "held-out", units)
+    kept = prepared(apart, channels, damper.start, settings.sample_rate)
     _one_rate(training, kept)
     damper, stated, polarity_note = _placed(damper, training, kept, settings.polarity)
     found = damper.estimate(training, settings)
@@ -88,11 +91,25 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     outside = score(found.damper, kept) if kept else None
     passivity = check_passivity(found.damper)
     giving = () if passivity.passive else (f"not passive: {passivity.description}",)
-    flags = (*stated, *giving, *_beyond(found.damper, outside))
+    flags = (*stated, *giving, *_beyond(found.damper, outside), *_seen(found.damper, apart, kept))
     notes = (*polarity_note, *_constant(found.damper, training), *(n for r in (*training, *kept) for n in r.notes),
              *found.notes)
     return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),
                      time.perf_counter() - began)
+
+
+def _refuse_lacking(damper: Damper, records: Sequence[Record]) -> None:
+    """Refuse records without a channel that the damper reads; states which part reads it, where one can do without."""
+    for record, role in ((r, n) for r in records for n in damper.reads if not r.has(n)):
+        kind = type(damper).__name__
+        for name, value in damper.settings.items():
+            without = type(damper)(**{**damper.settings, name: False}) if value is True else damper
+            if role not in without.reads:
+                parts = ", ".join(n for n in damper.names if n not in without.names)
+                raise InputError(f"{kind}: record '{record.name}' has no {role}, which its {parts} reads",
+                                 mend=f"{kind}({name}=False) is without; or {checks.role_mend(role)}")
+        raise InputError(f"{kind} reads the {role}, which record '{record.name}' does not have",
+                         got=", ".join(record.channels), mend=checks.role_mend(role))
 
 
 def _constant(damper: Damper, records: Sequence[Record]) -> tuple[str, ...]:
@@ -114,6 +131,13 @@ def _beyond(damper: Damper, outside: Score | None) -> tuple[str, ...]:
     low, high = damper.current_range
     return (f"extrapolation: {100 * outside.extrapolation_share:.2g} % of the held-out currents lie outside the fitted "
             f"{low:.4g} to {high:.4g} {damper.current_unit}",)
+
+
+def _seen(damper: Damper, raw: Sequence[Record], kept: Sequence[Record]) -> tuple[str, ...]:
+    """A flag where held-out data, as read and as prepared, hold rows that the damper was fitted to."""
+    if not kept or compared_rows(damper.metadata, raw, kept, "force").label not in (TRAINING, PARTLY):
+        return ()
+    return ("fitted-before: the held-out data hold rows that the fit has seen",)
 
 
 def prepared(records: Record | Sequence[Record], channels: Sequence[str], start: int,

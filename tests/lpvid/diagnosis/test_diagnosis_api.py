@@ -22,7 +22,7 @@ from lpvid.diagnosis import registry
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.estimates import estimates
-from lpvid.diagnosis.facade import _with_channel_names, prepare_task, run_task
+from lpvid.diagnosis.facade import _seen_rows, _with_channel_names, prepare_task, run_task
 from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
 from lpvid.diagnosis.signals import Signals
@@ -447,3 +447,11 @@ def test_the_extended_model_keeps_the_rows_of_the_training_files() -> None:
     assert rows["sample_time"] == training.sample_time
     assert lpv.validate(found.extended, training.slice(501, 1500)).label == "training"
     assert lpv.validate(found.extended, kept).label == "held-out"
+
+
+def test_held_out_records_that_hold_training_rows_are_noted() -> None:
+    training, other = measured(0), measured(1)
+    for kept, seen in ((training.slice(1000, 3000), True), (other, False)):
+        notes = _seen_rows(prepare_task([training], Viscous(), CATALOGUE, [kept]))
+        assert (len(notes) == 1 and "holds samples that the model was fitted to" in notes[0]) if seen else not notes
+    assert not _seen_rows(prepare_task([training], Viscous(), CATALOGUE))

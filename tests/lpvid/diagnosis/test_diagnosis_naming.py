@@ -10,7 +10,7 @@ import pytest
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence import rivals, selection
 from lpvid.diagnosis.evidence.calibration import match_component
-from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
+from lpvid.diagnosis.evidence.outcome import EvidenceOutcome, alternatives
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, reported_name
 from lpvid.diagnosis.evidence.selection import SetMember
 from quartercar.effects import CATALOGUE
@@ -223,3 +223,12 @@ def test_sets_that_held_out_data_rejected_take_no_name():
     search = SimpleNamespace(kappa=0.01, problem=SimpleNamespace(n_samples=2500), structured=0.9,
                              visited={w.members: w for w in (best, other)})
     assert not rivals._equally_likely(search, [(best, 1.0)], best, best.effects[0])
+
+
+def test_rivals_that_share_an_experiment_state_it_once() -> None:
+    known = {e.name: e.experiment for e in CATALOGUE}
+    for names in (("gas-preload", "force-offset"), ("force-offset", "gas-preload")):
+        stated = alternatives([known[n] for n in names])
+        assert stated.count("creep at several positions and temperatures") == 1
+        assert "gas depends on both" in stated and "unloaded before and after" in stated
+    assert alternatives(["one", "two", "one"]) == "one; or two"

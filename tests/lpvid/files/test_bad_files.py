@@ -239,6 +239,9 @@ def test_columns_of_a_mat_file_that_cannot_be_used(tmp_path):
     savemat(tmp_path / "a.mat", {"comment": "none"})
     refused(tmp_path / "a.mat", "no numeric vector")
     savemat(tmp_path / "b.mat", {"x": np.arange(5.0)})
-    refused(tmp_path / "b.mat", "no time column", "x")
+    refused(tmp_path / "b.mat", "no time column", "x", "--sample-rate HZ")
+    for name, value in {"Fs": 250.0, "f_s": 250, "sampling_rate": 250.0, "Ts": 0.004, "dt": 0.004}.items():
+        savemat(tmp_path / "b.mat", {"x": np.arange(5.0), "gain": 2.0, name: value})
+        refused(tmp_path / "b.mat", "--sample-rate 250, in Python")
     savemat(tmp_path / "c.mat", {"x": np.arange(5.0), "sample_time": -1.0})
     refused(tmp_path / "c.mat", "sample_time must be positive")

@@ -88,3 +88,20 @@ def test_dates_behind_times_of_day_are_refused(tmp_path) -> None:
 
     with pytest.raises(InputError, match=r"part1.csv: the clock has another kind.*dates behind times of day"):
         list(data_set(tmp_path, write, 1000))
+
+
+def test_dates_with_a_zone_behind_dates_without_one_are_refused(tmp_path) -> None:
+    """The zone of those without is not known: an hour or more may lie between."""
+    def write(folder: Path, k: int, t: np.ndarray, v: np.ndarray) -> None:
+        text(folder / f"part{k}.csv", "time", [f"{s}{'+01:00' if k else ''}" for s in stamps(t)], v)
+
+    with pytest.raises(InputError, match=r"part1.csv: the clock has another kind.*dates with zone behind dates"):
+        list(data_set(tmp_path, write, 1000))
+
+
+def test_seconds_behind_dates_are_refused(tmp_path) -> None:
+    def write(folder: Path, k: int, t: np.ndarray, v: np.ndarray) -> None:
+        (in_units if k else dates)(folder, k, t, v)
+
+    with pytest.raises(InputError, match=r"part1.csv: the clock has another kind.*numbers behind dates"):
+        list(data_set(tmp_path, write, 1000))

@@ -379,6 +379,8 @@ def test_what_thousands_separators_leave_open_stays_as_it_was(tmp_path):
     "# time [s],displacement [mm],force [kN]",  # numpy.savetxt
     "# rig 3\n# time [s],displacement [mm],force [kN]",
     "% time [s],displacement [mm],force [kN]",  # MATLAB
+    "% rig 3, by hand, made today\n%\n% time [s],displacement [mm],force [kN]",
+    "Time / s,Displacement / (mm),Force / (kN)",
 ])
 def test_headers_of_other_programs(tmp_path, header) -> None:
     path = tmp_path / "run.csv"

@@ -473,6 +473,27 @@ def test_a_large_file_at_another_rate_or_without_its_velocity_is_read_whole(
     assert steps.factor(plain.jobs[0], plain, lpv.Scheduling(("current",), (0.0,), (2.0,)), 250.0, "t").state == "done"
 
 
+def test_the_model_of_all_files_knows_their_rows_and_ranges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for k in range(4):
+        written(specimen(k), tmp_path)
+    plan = plan_fleet([str(tmp_path / f"d0{k}.csv") for k in range(3)], tmp_path / "out", structure=STRUCTURE)
+    box = lpv.Scheduling(("current",), (0.0,), (2.0,), units=("A",))
+    assert all(steps.scan(job, plan).state == "done" for job in plan.jobs)
+    for large in (steps.LARGE, 100.0):
+        monkeypatch.setattr(steps, "LARGE", large)
+        monkeypatch.setattr(steps, "ROWS", 400)
+        assert all(steps.factor(job, plan, box, 500.0, f"{large:g}").state == "done" for job in plan.jobs)
+        model = running._solved(plan, plan.jobs, box, 500.0).model
+        for k, label in ((0, "training"), (2, "training"), (3, "held-out")):
+            record, = lpv.read(tmp_path / f"d0{k}.csv")
+            assert lpv.validate(model, record).label == label
+            assert lpv.validate(model, record.slice(400, 1400)).label == label
+        lowest, highest = model.metadata["training"]["ranges"]["velocity"]
+        every = np.concatenate([lpv.read(job.path)[0]["velocity"] for job in plan.jobs])
+        assert (lowest, highest) == (every.min(), every.max())
+        assert model.metadata["roles"]["force"] == "force"
+
+
 def test_a_large_file_is_judged_by_the_free_run_of_the_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "data").mkdir()
     written(specimen(4), tmp_path / "data")

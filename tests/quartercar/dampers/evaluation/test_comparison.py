@@ -17,6 +17,7 @@ from lpvid.record import Record
 from lpvid.toolkit import in_processes
 from lpvid.validation import validate
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
+from quartercar.dampers import fit as fit_damper
 from quartercar.dampers.evaluation import comparison as module
 from quartercar.dampers.evaluation.scoring import FreeRunScore, experiment, score, stretches
 from quartercar.dampers.facts import Facts
@@ -535,3 +536,20 @@ def test_a_part_of_a_decimated_file_is_known_as_training_data() -> None:
     assert validate(damper, run.slice(1001, 3000)).label == "training"
     assert validate(damper, run.slice(8000, 12_000)).label == "held-out"
     assert validate(damper, run.slice(6000, 10_000)).label == "partly training"
+
+
+def test_a_model_that_was_fitted_to_the_held_out_rows_is_flagged(rng: np.random.Generator) -> None:
+    velocity = rng.normal(size=1800)
+    run = Record({"velocity": velocity, "force": 900 * velocity + rng.normal(size=1800)}, 1 / RATE, name="run",
+                 units={"velocity": "m/s", "force": "N"})
+    kind = Linear(spring=False)
+    whole, apart = fit_damper(kind, run).damper, fit_damper(kind, run.slice(0, 1200)).damper
+    for given, flagged in ((whole, True), (apart, False)):
+        found = compare([run], [given], settings=CompareSettings(workers=1))
+        assert ("fitted-before" in found.best.flags) is flagged
+        assert ("on held-out data, some of which it was fitted to (" in found.verdict) is flagged
+    for kept, flagged in ((run.slice(600, 1800), True), (run.slice(1200, 1800), False)):
+        found = compare([run.slice(0, 1200)], ["linear"], held_out=[kept], settings=CompareSettings(workers=1))
+        assert ("fitted-before" in found.best.flags) is flagged
+        single = fit_damper(kind, run.slice(0, 1200), kept)
+        assert any(f.startswith("fitted-before: ") for f in single.flags) is flagged

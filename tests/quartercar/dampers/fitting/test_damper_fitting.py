@@ -16,7 +16,7 @@ from scipy.optimize import lsq_linear
 import quartercar
 from lpvid import InputError, NumericalError, Record
 from lpvid.least_squares import bounded_least_squares, bounded_step
-from quartercar.dampers import DamperFit, FitSettings, Guo, Linear, Parameter, fit
+from quartercar.dampers import DamperFit, FitSettings, Guo, Kwok, Linear, Parameter, fit
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.evaluation.scoring import score
 from quartercar.dampers.fitting.problem import DamperFitProblem, MovingFit, ProjectedFit
@@ -370,3 +370,15 @@ def test_the_package_stays_light() -> None:
              "print([m for m in ('numba', 'scipy.optimize', 'scipy.signal', 'matplotlib') if m in sys.modules])")
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_law_without_its_displacement_names_the_part_that_reads_it(rng: np.random.Generator) -> None:
+    velocity = rng.normal(size=900)
+    record = Record({"velocity": velocity, "force": 900 * velocity}, 1 / 200, units={"velocity": "m/s", "force": "N"})
+    with pytest.raises(InputError, match=r"no displacement, which its stiffness reads. Mend: Linear\(spring=False\)"):
+        fit(Linear(), record)
+    assert round(fit(Linear(spring=False), record).damper.values["damping"]) == 900
+    with pytest.raises(InputError, match=r"Mend: Guo\(hysteresis=False\) is without"):
+        fit(Guo(), record)
+    with pytest.raises(InputError, match="Kwok reads the displacement, which record 'record' does not have"):
+        fit(Kwok(), record)
