@@ -242,14 +242,7 @@ class _Lanes(Generic[T, R]):
                 with self.lock:
                     self.running.add(k)
                 begun = time.monotonic()
-                answer: tuple[bool, Any] = False, None
-                try:
-                    answer = worker.result(k)
-                except (OSError, EOFError):
-                    pass
-                except Exception as error:  # of what was received, which cannot be read
-                    answer = False, error
-                good, found = answer
+                good, found = _result(worker, k)
                 seconds = time.monotonic() - begun
                 with self.lock:
                     self.running.discard(k)
@@ -265,3 +258,13 @@ class _Lanes(Generic[T, R]):
         finally:
             if worker is not None:
                 worker.end()
+
+
+def _result(worker: Worker, k: int) -> tuple[bool, Any]:
+    """Whether item k succeeded, and its value or exception; False and None where the worker died."""
+    try:
+        return worker.result(k)
+    except (OSError, EOFError):
+        return False, None
+    except Exception as error:  # of what was received, which cannot be read
+        return False, error
