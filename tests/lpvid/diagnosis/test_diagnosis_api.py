@@ -24,6 +24,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
+from lpvid.diagnosis.extended import ExtendedRun
 from lpvid.diagnosis.facade import _with_channel_names, prepare_task, run_task
 from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
@@ -465,3 +466,13 @@ def test_the_extended_model_keeps_the_rows_of_the_training_files() -> None:
     assert rows["sample_time"] == training.sample_time
     assert lpv.validate(found.extended, training.slice(501, 1500)).label == "training"
     assert lpv.validate(found.extended, kept).label == "held-out"
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e3])
+@pytest.mark.parametrize(("low", "high", "slack"), [(0.0, 0.0, 0.0), (0.0, 2.0, 0.02), (-5.0, -4.0, 0.05)])
+def test_the_box_of_a_run_is_wider_by_a_share_in_any_unit(scale: float, low: float, high: float, slack: float) -> None:
+    """Where a scheduling variable was always zero in training there is no share: any other value is outside."""
+    run = SimpleNamespace(scheduled=("current",), model=SimpleNamespace(
+        ranges={"current": (scale * low, scale * high)}, units={}))
+    box = ExtendedRun.box.fget(run)  # type: ignore[attr-defined]
+    assert [*box.lower, *box.upper] == pytest.approx([scale * (low - slack), scale * (high + slack)], rel=1e-12, abs=0)
