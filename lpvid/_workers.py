@@ -205,14 +205,18 @@ def _bytes(stream: BinaryIO | Any) -> bytes:
 def ends_with_parent(parent: int) -> None:
     """End this process when its parent has ended, however that was (Linux).
 
+    Elsewhere nothing is done: the end of what a worker reads ends it. Windows may begin the interpreter of a virtual
+    environment by another process, which is its parent.
+
     Parameters
     ----------
     parent : int
         Number of the process that began this one: it may have ended already.
     """
     control = of_library("prctl")
-    if control is not None:
-        control(PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if control is None:
+        return
+    control(PARENT_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
 

@@ -20,7 +20,7 @@ from helpers import importable
 from helpers.importable import copied
 from helpers.waiting import gone
 
-from lpvid import Record, _processes, _threads
+from lpvid import Record, _processes, _threads, _workers
 from lpvid._processes import Beside, Done, _left, in_processes
 from lpvid._workers import ForkedWorker
 
@@ -187,6 +187,13 @@ def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, with
         finally:
             parent.kill()
         assert len(workers) == 2 and all(gone(pid) for pid in workers)
+
+
+def test_elsewhere_a_worker_may_have_another_parent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A virtual environment's interpreter on Windows is begun by a launcher."""
+    monkeypatch.setattr(_workers, "of_library", lambda name: None)
+    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("a worker at work ended"))
+    _workers.ends_with_parent(-1)
 
 
 @pytest.mark.parametrize("awaited", [0, 1])
