@@ -302,5 +302,5 @@ def _serve_forked(parent: int, function: Callable[[Any], Any], items: Sequence[A
     with os.fdopen(asked, "rb") as numbers, os.fdopen(answer, "wb") as answers, suppress(EOFError), \
             _threads.single_thread():
         while True:
-            _send(answers, _answer(function, items[_number(numbers)]))
+            _send(answers, _answer(lambda k: function(items[k]), _number(numbers)))
             _settle()

@@ -68,6 +68,17 @@ def test_what_cannot_be_received_is_one_item_lost(function: Callable[[int], obje
     assert not any(d.stopped for d in found)
 
 
+def test_an_item_that_cannot_be_made_states_why() -> None:
+    class Cut(list):  # items that are made when they are taken, as stretches of records
+        def __getitem__(self, k: Any) -> Any:
+            if k == 1:
+                raise ValueError("too short")
+            return super().__getitem__(k)
+
+    found = in_processes(abs, Cut([-1, -2, -3]), workers=2)
+    assert [d.value for d in found] == [1, None, 3] and "too short" in str(found[1].error)
+
+
 def test_what_a_fresh_interpreter_cannot_have_is_stated(forks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """A function of a notebook, or of no module: a fork has it."""
     here = ModuleType("of_a_notebook")
