@@ -17,7 +17,7 @@ from time import process_time
 from typing import Any, TypeAlias, TypeVar
 
 from lpvid import _threads
-from lpvid._workers import Pickler, ends_with_parent
+from lpvid._workers import Pickler, ends_with_parent, print_to_error_output
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -133,7 +133,7 @@ def _begin(function: Callable[[T], R], items: Sequence[T], shared: Sequence[obje
         return pid, answers
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
-        sys.stdout = sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115 (no lock of the parent's)
+        print_to_error_output()
         ends_with_parent(parent)
         gc.freeze()  # what the parent holds is not looked through, which would copy its pages
         _threads.alone()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from gc import collect
 from queue import Empty, Queue
 from threading import Lock, Thread
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from lpvid import _threads
 from lpvid._memory import give_back
@@ -179,11 +179,12 @@ class _Lanes(Generic[T, R]):
 
     def run(self) -> list[Done[R]]:
         begun, why = time.monotonic(), ""
-        forks: list[Worker | None] = self._forked() or [None] * self.workers
-        lanes = [Thread(target=self._lane, args=(worker,), daemon=True) for worker in forks]
-        for lane in lanes:
-            lane.start()
+        lanes: list[Thread] = []
         try:
+            forks: list[Worker | None] = self._forked() or [None] * self.workers
+            lanes = [Thread(target=self._lane, args=(worker,), daemon=True) for worker in forks]
+            for lane in lanes:
+                lane.start()
             while any(lane.is_alive() for lane in lanes):
                 next(lane for lane in lanes if lane.is_alive()).join(POLL)
                 with self.lock:
@@ -197,7 +198,10 @@ class _Lanes(Generic[T, R]):
         finally:
             self._stop()
         for lane in lanes:
-            lane.join()
+            if lane.ident is not None:  # it was begun before an interruption
+                lane.join()
+        for worker in self.alive:  # of lanes that were not
+            worker.end()
         if why == "interrupted" and not any(d is not None for d in self.found):
             raise KeyboardInterrupt
         return [Done(stopped=why or "lost") if d is None else d for d in self.found]
@@ -218,7 +222,7 @@ class _Lanes(Generic[T, R]):
         with suppress(OSError):  # no room for another process: fewer of them
             for _ in range(self.workers):
                 begun.append(ForkedWorker(self.function, self.items, begun))
-        self.alive.update(begun)
+                self.alive.add(begun[-1])
         return [*begun]
 
     def _lane(self, worker: Worker | None) -> None:
@@ -238,10 +242,7 @@ class _Lanes(Generic[T, R]):
                 with self.lock:
                     self.running.add(k)
                 begun = time.monotonic()
-                try:
-                    good, found = worker.result(k)
-                except (OSError, EOFError):
-                    good, found = False, None
+                good, found = _result(worker, k)
                 seconds = time.monotonic() - begun
                 with self.lock:
                     self.running.discard(k)
@@ -257,3 +258,13 @@ class _Lanes(Generic[T, R]):
         finally:
             if worker is not None:
                 worker.end()
+
+
+def _result(worker: Worker, k: int) -> tuple[bool, Any]:
+    """Whether item k succeeded, and its value or exception; False and None where the worker died."""
+    try:
+        return worker.result(k)
+    except (OSError, EOFError):
+        return False, None
+    except Exception as error:  # of what was received, which cannot be read
+        return False, error

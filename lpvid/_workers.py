@@ -75,7 +75,11 @@ class FreshWorker:
 
     def result(self, k: int) -> tuple[bool, Any]:
         assert self.process.stdin is not None and self.process.stdout is not None
-        _send(self.process.stdin, packed((self.function, self.items[k])))
+        try:
+            held = packed((self.function, self.items[k]))
+        except Exception as error:
+            return False, RuntimeError(f"it cannot be sent to another process: {error}")
+        _send(self.process.stdin, held)
         return pickle.loads(_bytes(self.process.stdout))
 
     def kill(self) -> None:
@@ -190,12 +194,19 @@ def _number(stream: BinaryIO | Any) -> int:
 
 
 def _bytes(stream: BinaryIO | Any) -> bytes:
-    return stream.read(_number(stream))
+    size = _number(stream)
+    found = stream.read(size)
+    if len(found) < size:  # the other end died amid what it sent
+        raise EOFError
+    return found
 
 
 # -- in the worker -----------------------------------------------------------------------------------------------------
 def ends_with_parent(parent: int) -> None:
     """End this process when its parent has ended, however that was (Linux).
+
+    Elsewhere nothing is done: the end of what a worker reads ends it. Windows may begin the interpreter of a virtual
+    environment by another process, which is its parent.
 
     Parameters
     ----------
@@ -203,21 +214,41 @@ def ends_with_parent(parent: int) -> None:
         Number of the process that began this one: it may have ended already.
     """
     control = of_library("prctl")
-    if control is not None:
-        control(PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if control is None:
+        return
+    control(PARENT_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
 
 
+_of_parent: list[object] = []
+"""a fork's parent's streams: one that nothing refers to writes what is in its buffer, which the parent writes too"""
+
+
+def print_to_error_output() -> None:
+    """Let a fork print to file descriptor 2, by a stream of its own: the parent's may be locked."""
+    _of_parent.extend((sys.stdout, sys.stderr))
+    sys.stdout = sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115
+
+
 def _answer(function: Callable[[Any], Any], item: Any) -> BytesIO:
-    """Whether it succeeded, and its value or exception, as they are sent."""
+    """Whether it succeeded, and its value or exception, as they are sent.
+
+    Pickle calls the class of an exception with its `args`, which not every `__init__` takes: one that cannot be read
+    is sent by its name and text.
+    """
     try:
         answer = True, function(item)
     except Exception as error:
         answer = False, error
+        with suppress(Exception):
+            held = packed(answer)
+            pickle.loads(held.getbuffer())
+            return held
+        answer = False, RuntimeError(f"{type(error).__name__}: {error}")
     try:
         return packed(answer)
-    except (TypeError, AttributeError, pickle.PicklingError) as error:
+    except Exception as error:
         return packed((False, RuntimeError(f"the result cannot be sent: {error}")))
 
 
@@ -250,7 +281,13 @@ def serve(parent: int) -> None:
     received: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_items, args=(sys.stdin.buffer, received), daemon=True).start()
     while True:
-        _send(answers, _answer(*pickle.loads(received.get())))
+        try:
+            function, item = pickle.loads(received.get())
+        except Exception as error:
+            _send(answers, packed((False, RuntimeError(f"it cannot be read in another process: {error}"))))
+            continue
+        _send(answers, _answer(function, item))
+        del function, item
         _settle()
 
 
@@ -259,11 +296,11 @@ def _serve_forked(parent: int, function: Callable[[Any], Any], items: Sequence[A
     os.setsid()  # an interruption at the terminal is the parent's
     ends_with_parent(parent)
     os.dup2(2, 1)
-    sys.stdout = sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115 (no lock of the parent's)
+    print_to_error_output()
     gc.freeze()  # what the parent holds is not looked through, which would copy its pages
     _threads.alone()
     with os.fdopen(asked, "rb") as numbers, os.fdopen(answer, "wb") as answers, suppress(EOFError), \
             _threads.single_thread():
         while True:
-            _send(answers, _answer(function, items[_number(numbers)]))
+            _send(answers, _answer(lambda k: function(items[k]), _number(numbers)))
             _settle()

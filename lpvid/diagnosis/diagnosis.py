@@ -346,8 +346,8 @@ class Diagnosis(Shown):
     @property
     def gain_percent(self) -> float:
         """100 (1 − ESR_extended/ESR_baseline), held-out; of `Errors.part` where nothing was held out."""
-        before = self.before.esr_held_out
-        return gain_percent(before, self.after.esr_held_out) if before > 0 else 0.0
+        before = self.before.rmse**2  # of the same samples, finite where their output is constant
+        return gain_percent(before, self.after.rmse**2) if before > 0 else 0.0
 
     @property
     def stand_ins(self) -> tuple[str, ...]:

@@ -35,6 +35,7 @@ def errors_of(
     Returns
     -------
     Errors
+        Of an infinite ESR where the output of all further records is constant.
     """
     inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]
     about = (float(np.sum((y - y.mean()) ** 2)) for y in inside if y.size)  # each record about its own mean
@@ -49,7 +50,7 @@ def errors_of(
         e = (s.output - fit.composition.predict(s, fit.vector))[baseline.start:]
         y = s.output[baseline.start:]
         error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
-    return Errors(training, error / max(total, TINY), float(np.sqrt(error / max(count, 1))))
+    return Errors(training, error / total if total > 0 else np.inf, float(np.sqrt(error / max(count, 1))))
 
 
 def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:

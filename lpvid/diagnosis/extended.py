@@ -288,9 +288,9 @@ class ExtendedRun(SelfScheduled):
 
     @property
     def box(self) -> Scheduling:  # type: ignore[override]
-        """Training range of the scheduling variables, wider by `SLACK`."""
+        """Training range of the scheduling variables, wider by `SLACK`; not where one was always zero."""
         ranges = [self.model.ranges.get(n, (-EXPLODED, EXPLODED)) for n in self.scheduled]
-        slack = [SLACK * (max(b - a, abs(b)) or 1.0) for a, b in ranges]
+        slack = [SLACK * max(b - a, abs(a), abs(b)) for a, b in ranges]
         return Scheduling(self.scheduled, tuple(a - s for (a, _), s in zip(ranges, slack, strict=True)),
                           tuple(b + s for (_, b), s in zip(ranges, slack, strict=True)),
                           units=tuple(self.model.units.get(n, "") for n in self.scheduled))

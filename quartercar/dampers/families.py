@@ -130,7 +130,7 @@ class LawDamper(Damper):
         Returns
         -------
         (n, len(columns)) array
-            [N per unit of the parameter].
+            [N per unit of the parameter]; a new array, which the caller scales in place.
         """
 
     @abstractmethod

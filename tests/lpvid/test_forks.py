@@ -11,6 +11,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -178,6 +179,21 @@ def test_a_thread_that_only_shows_progress_is_no_hindrance(monkeypatch: pytest.M
     end.set()
     plain.join()
     showing.join()
+
+
+def test_what_the_caller_has_yet_to_write_is_written_once(tmp_path: Path) -> None:
+    """A script that prints to a file of its own, to which nothing else refers."""
+    code = f"""
+        import sys
+        from lpvid import _threads
+        from lpvid._forks import in_forks
+        _threads.processors = lambda: 2
+        sys.stdout = open({str(tmp_path / "log.txt")!r}, "w")
+        print("once")
+        assert in_forks(abs, [-1, -2]) == [1, 2]
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=True)
+    assert (tmp_path / "log.txt").read_text().split() == ["once"]
 
 
 def test_forks_end_with_a_killed_parent() -> None:

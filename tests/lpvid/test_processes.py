@@ -9,15 +9,20 @@ import subprocess
 import sys
 import textwrap
 import time
-from types import MappingProxyType, SimpleNamespace
+from collections.abc import Callable
+from pathlib import Path
+from types import MappingProxyType, ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers import importable
 from helpers.importable import copied
 from helpers.waiting import gone
 
-from lpvid import Record, _processes, _threads
+from lpvid import Record, _processes, _threads, _workers
 from lpvid._processes import Beside, Done, _left, in_processes
+from lpvid._workers import ForkedWorker
 
 
 @pytest.fixture(params=[pytest.param(True, marks=pytest.mark.skipif(sys.platform != "linux", reason="Linux")), False],
@@ -51,6 +56,72 @@ def test_a_process_that_dies_takes_only_its_item_with_it() -> None:
     assert [str(d.error) for d in found] == ["its process died"] * 2
     found = in_processes(eval, ["1", "__import__('os').abort()", "2", "3"], workers=2)
     assert [d.value for d in found] == [1, None, 2, 3] and "died" in str(found[1].error)
+
+
+@pytest.mark.parametrize(("function", "stated"), [
+    (importable.unreadable_error, "TwoParts: 1 of 2"), (importable.unwritable, "the result cannot be sent: too deep"),
+    (importable.killed_amid_its_answer, "its process died")])
+def test_what_cannot_be_received_is_one_item_lost(function: Callable[[int], object], stated: str) -> None:
+    """The worker goes on, or another does: the lane that waits for it does not end with the item."""
+    found = in_processes(function, [0, 1, 2, 3], workers=1, budget=900.0)
+    assert [d.value for d in found] == [0, None, 2, 3] and str(found[1].error) == stated
+    assert not any(d.stopped for d in found)
+
+
+def test_an_item_that_cannot_be_made_states_why() -> None:
+    class Cut(list):  # items that are made when they are taken, as stretches of records
+        def __getitem__(self, k: Any) -> Any:
+            if k == 1:
+                raise ValueError("too short")
+            return super().__getitem__(k)
+
+    found = in_processes(abs, Cut([-1, -2, -3]), workers=2)
+    assert [d.value for d in found] == [1, None, 3] and "too short" in str(found[1].error)
+
+
+def test_what_a_fresh_interpreter_cannot_have_is_stated(forks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A function of a notebook, or of no module: a fork has it."""
+    here = ModuleType("of_a_notebook")
+    exec("def doubled(k): return 2 * k", vars(here))
+    monkeypatch.setitem(sys.modules, "of_a_notebook", here)
+    for function, stated in ((here.doubled, "cannot be read in another process"),
+                             (lambda k: 2 * k, "cannot be sent to another process")):
+        found = in_processes(function, [1, 2], workers=2)
+        assert [d.value for d in found] == ([2, 4] if forks else [None, None])
+        assert all(d.error is None if forks else stated in str(d.error) for d in found)
+
+
+def test_an_interruption_while_workers_begin_leaves_none(forks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not forks:
+        pytest.skip("threads begin them")
+    begun: list[int] = []
+
+    class Interrupted(ForkedWorker):
+        def __init__(self, *given: Any) -> None:
+            if begun:
+                raise KeyboardInterrupt
+            super().__init__(*given)
+            begun.append(self.pid)
+
+    monkeypatch.setattr(_processes, "ForkedWorker", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        in_processes(abs, [1, 2, 3], workers=3)
+    with pytest.raises(ChildProcessError):
+        os.waitpid(begun[0], os.WNOHANG)
+
+
+def test_what_the_caller_has_yet_to_write_is_written_once(forks: bool, tmp_path: Path) -> None:
+    """A script that prints to a file of its own, to which nothing else refers."""
+    code = f"""
+        import sys
+        from lpvid import _processes, _threads
+        _threads.undisturbed = lambda: {forks}
+        sys.stdout = open({str(tmp_path / "log.txt")!r}, "w")
+        print("once")
+        assert [d.value for d in _processes.in_processes(abs, [-1, -2], workers=2)] == [1, 2]
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=True)
+    assert (tmp_path / "log.txt").read_text().split() == ["once"]
 
 
 def test_a_budget_stops_what_runs_and_leaves_what_has_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,6 +198,13 @@ def test_workers_end_with_their_parent_amid_their_work(how: signal.Signals, with
         finally:
             parent.kill()
         assert len(workers) == 2 and all(gone(pid) for pid in workers)
+
+
+def test_elsewhere_a_worker_may_have_another_parent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A virtual environment's interpreter on Windows is begun by a launcher."""
+    monkeypatch.setattr(_workers, "of_library", lambda name: None)
+    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("a worker at work ended"))
+    _workers.ends_with_parent(-1)
 
 
 @pytest.mark.parametrize("awaited", [0, 1])

@@ -98,7 +98,7 @@ class EvidenceOutcome:
     def predicts(self) -> bool:
         """Whether the set lowers the error on data that no fit has seen, or is the baseline alone."""
         before, extended = self.errors
-        return extended is before or extended.esr_held_out < before.esr_held_out
+        return extended is before or extended.rmse < before.rmse
 
     def diagnosis(self) -> Diagnosis:
         """The diagnosis.
@@ -194,11 +194,16 @@ class EvidenceOutcome:
         return {n: f"it fits best at its bound, {bound}: the optimum is beyond what is possible"
                 for w in sets for n, bound in w.at_bounds.items() if n not in best.members}
 
-    def _share(self) -> tuple[float, float]:
-        """Share of the baseline's squared error out of fold, less the noise of repeats, that the set removes."""
+    def _share(self) -> tuple[float, float] | None:
+        """Share of the baseline's squared error out of fold, less the noise of repeats, that the set removes.
+
+        None where the noise is all of that error.
+        """
         selected = self.selected
         floor = (self.level.variance or 0.0) * selected.problem.n_samples
-        excess = max(float(np.sum(selected.before**2)) - floor, TINY)
+        excess = float(np.sum(selected.before**2)) - floor
+        if not excess > 0:
+            return None
         gains = selected.gains
         return float(gains.sum()) / excess, float(gains.std(ddof=1) * np.sqrt(gains.size)) / excess
 
@@ -234,8 +239,8 @@ class EvidenceOutcome:
         selected = self.selected
         single = self.search.visited.get(frozenset({m.effect.name}))
         root = self.search.root
-        thin = max(root.fit.cost - self.search.best.fit.cost, TINY)
-        alone = (root.fit.cost - single.fit.cost) / thin if single is not None else 0.0
+        alone = 0.0 if single is None else _share_of(root.fit.cost - single.fit.cost,
+                                                     root.fit.cost - self.search.best.fit.cost)
         place = selected.fit.composition.places[selected.fit.composition.effects.index(m.effect)]
         p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
         described = m.effect.described(m.values)
@@ -244,7 +249,7 @@ class EvidenceOutcome:
             described = f"{title}; simulated as {m.effect.name} ({described})"
         return Cause(m.name, described, estimates(m.effect, m.values, spread[place]), p_value,
                      None if m.evidence is None else -2 * m.evidence, float(alone),
-                     m.cost / max(selected.cost_reduction, TINY), m.gain, m.better,
+                     _share_of(m.cost, selected.cost_reduction), m.gain, m.better,
                      m.change * self.search.data.discrepancy.output_rms, m.probability, m.effect.family, m.weight,
                      m.effect.name if m.name != m.effect.name else None)
 
@@ -303,6 +308,11 @@ def _either(m: SetMember, signals: Sequence[Signals]) -> str:
     others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
     form = f", a form that describes {', '.join(too)} too" if too else ""
     return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form
+
+
+def _share_of(part: float, reduction: float) -> float:
+    """Of a reduction of the cost; 0 where there is none."""
+    return float(part / reduction) if reduction > 0 else 0.0
 
 
 def _change_at(e: ScreeningResult, strength: float) -> float:

@@ -93,7 +93,7 @@ class FittedLaw(Protocol):
         Returns
         -------
         (n, len(columns)) array
-            [N per unit of the parameter].
+            [N per unit of the parameter]; a new array, which the caller scales in place.
         """
         ...
 

@@ -20,11 +20,16 @@ import lpvid as lpv
 from lpvid.condition.derivation import derived
 from lpvid.diagnosis import registry
 from lpvid.diagnosis.baseline import Baseline, Coefficient
+from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.estimates import estimates
+from lpvid.diagnosis.estimates import errors_of, estimates
+from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
+from lpvid.diagnosis.extended import ExtendedRun
 from lpvid.diagnosis.facade import _seen_rows, _with_channel_names, prepare_task, run_task
 from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
+from lpvid.diagnosis.problem import problem_of
+from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
 from lpvid.report.diagnosis import _facts
@@ -170,6 +175,20 @@ def by_hand(slope: float, friction: float, record: lpv.Record) -> float:
     f = record["force"]
     e = f - slope * record["velocity"] - friction * np.tanh(record["velocity"] / 2e-3)
     return float(e @ e / np.sum((f - f.mean()) ** 2))
+
+
+def test_a_further_record_of_constant_output_has_no_share_but_an_error(installed):
+    """Its ESR is no number, before and after: which error is less, and by how much, is known all the same."""
+    other = measured(1)
+    still = other.with_channel("force", np.full(other.n_samples, 5.0), "N")
+    problem = problem_of([measured()], Viscous())
+    before, after = (errors_of(problem, b, refit(problem, Composition(b), b.vector, iterations=0),
+                               np.zeros(problem.n_samples), [still]) for b in (Viscous(SLOPE), Viscous(0.5 * SLOPE)))
+    assert before.esr_held_out == after.esr_held_out == np.inf
+    assert EvidenceOutcome.predicts.fget(SimpleNamespace(errors=(before, after)))  # type: ignore[attr-defined]
+    found = replace(lpv.diagnose(measured(), "viscous", "toys"), before=before, after=after)
+    squares = [np.sum((5.0 - c * other["velocity"]) ** 2) for c in (SLOPE, 0.5 * SLOPE)]
+    assert found.gain_percent == pytest.approx(100 * (1 - squares[1] / squares[0])) and found.gain_percent > 10
 
 
 def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installed):
@@ -455,3 +474,13 @@ def test_held_out_records_that_hold_training_rows_are_noted() -> None:
         notes = _seen_rows(prepare_task([training], Viscous(), CATALOGUE, [kept]))
         assert (len(notes) == 1 and "holds samples that the model was fitted to" in notes[0]) if seen else not notes
     assert not _seen_rows(prepare_task([training], Viscous(), CATALOGUE))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e3])
+@pytest.mark.parametrize(("low", "high", "slack"), [(0.0, 0.0, 0.0), (0.0, 2.0, 0.02), (-5.0, -4.0, 0.05)])
+def test_the_box_of_a_run_is_wider_by_a_share_in_any_unit(scale: float, low: float, high: float, slack: float) -> None:
+    """Where a scheduling variable was always zero in training there is no share: any other value is outside."""
+    run = SimpleNamespace(scheduled=("current",), model=SimpleNamespace(
+        ranges={"current": (scale * low, scale * high)}, units={}))
+    box = ExtendedRun.box.fget(run)  # type: ignore[attr-defined]
+    assert [*box.lower, *box.upper] == pytest.approx([scale * (low - slack), scale * (high + slack)], rel=1e-12, abs=0)

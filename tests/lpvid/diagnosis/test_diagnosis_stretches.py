@@ -65,6 +65,15 @@ def test_a_jump_of_the_current_is_in_a_stretch():
     assert jumped[0] - begun >= round(START_UP * RATE)
 
 
+def test_a_record_that_is_mostly_at_rest_is_cut_without_a_warning():
+    """The median part does not move; warnings are errors here."""
+    s = moving(40000)
+    still = np.arange(40000) > 12000
+    channels = {n: np.where(still, 0.0, c) for n, c in s.channels.items()}
+    (found,) = stretched(in_turn([replace(s, channels=channels)]))
+    assert found.n_samples <= SEARCH_SAMPLES + length_of(in_turn([s])) * RATE
+
+
 def test_a_current_that_jumps_in_every_part_jumps_in_most_stretches():
     """One stretch at most is given to the farthest reach."""
     s, t = moving(40000), np.arange(40000) / RATE
