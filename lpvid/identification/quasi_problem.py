@@ -166,8 +166,8 @@ class QuasiProblem(FreeRunProblem):
         if jacobian:
             yield from self._linearised(model, x, (u, y, p), limit)
             return
-        out = np.array(y)
-        code = free_run_quasi(*model.kernel_settings, *model.arrays(u, self.filtered(model, p)), out, model.start, limit)
+        out, arrays = np.array(y), model.arrays(u, self.filtered(model, p))
+        code = free_run_quasi(*model.kernel_settings, *arrays, out, model.start, limit)
         yield (out - y)[model.start:] if code < 0 else np.array([np.inf]), None
 
     def _linearised(self, model: QuasiLPVModel, x: np.ndarray, record: tuple[np.ndarray, ...], limit: float

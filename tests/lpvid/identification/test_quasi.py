@@ -105,8 +105,9 @@ def test_sensitivities_are_difference_quotients(rng: np.random.Generator, on: st
 @pytest.mark.parametrize("on", ["output", "trial", "input"])
 def test_sensitivities_in_parts_are_those_of_the_whole_record(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch,
                                                               on: str) -> None:
-    """Of two records, with a filter that is fitted along; the parts are shorter than a record and than its start."""
-    model = replace(random_model(rng, na=2, on=on, external=True, size=0.15), scheduling_stage=SchedulingLag(0.03, 0.05))
+    """Of two records, with a filter that is fitted along; parts are shorter than a record and than its start."""
+    model = random_model(rng, na=2, on=on, external=True, size=0.15)
+    model = replace(model, scheduling_stage=SchedulingLag(0.03, 0.05))
     problem = QuasiProblem.of([driven(rng, 40), driven(rng, 25)], model, True)
     x = np.concatenate([model.vector, [0.03, 0.05]])
     whole = list(problem.pieces(x, True))
@@ -132,7 +133,7 @@ def test_a_run_that_diverges_in_an_early_part_ends_there(rng: np.random.Generato
 
 
 def test_memory_of_a_fit_does_not_grow_with_its_jacobian(rng: np.random.Generator) -> None:
-    """The Jacobian of all samples, n·k numbers, is never in memory: before, a search held it once and the standard errors twice."""
+    """The Jacobian of all samples, n·k numbers, is never in memory: a search held it, and its standard errors twice."""
     import tracemalloc
 
     model = random_model(rng, na=2, on="output", own="hats", external=True, size=0.15)
@@ -148,7 +149,6 @@ def test_memory_of_a_fit_does_not_grow_with_its_jacobian(rng: np.random.Generato
     covariance(problem, found)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    print(peak, 8 * record.n_samples * model.vector.size)
     assert peak < 8 * record.n_samples * model.vector.size
 
 
