@@ -14,7 +14,7 @@ from lpvid.record import Record
 DIVERGED = 1e6
 """a training run that exceeds this many times the largest output is ended."""
 PART = 16_384
-"""samples whose sensitivities are in memory at a time: 15 MB of 113 parameters"""
+"""samples whose sensitivities or regressors are in memory at a time: 15 MB of 113 parameters"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class QuasiProblem(FreeRunProblem):
         return float(np.sqrt(sum(squares) / max(left, 1)))
 
     def _equations(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Per record the (n, θ) regressors on measured outputs and the (n,) outputs that they shall give."""
+        """(n, θ) regressors on measured outputs and (n,) outputs that they shall give, `PART` samples at a time."""
         model = self.model
         weights = np.ones(1) if model.on == "input" else model.kappa
         for u, y, p, rows in zip(self.inputs, self.outputs, self.scheduling, self.measured_rows(), strict=True):
@@ -136,9 +136,11 @@ class QuasiProblem(FreeRunProblem):
             if model.on != "input":
                 rho[1:] += y[:-1]
             low, high = model.range
-            own = model.own.evaluate(np.clip(rho, low, high)[:, None])
-            x = np.einsum("nm,ne,nr->nmer", own, phi, rows)[model.start:].reshape(len(y) - model.start, -1)
-            yield x, y[model.start:]
+            for first in range(model.start, len(y), PART):
+                part = slice(first, first + PART)
+                own = model.own.evaluate(np.clip(rho[part], low, high)[:, None])
+                x = np.einsum("nm,ne,nr->nmer", own, phi[part], rows[part])
+                yield x.reshape(len(x), -1), y[part]
 
     def along(self, place: int, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
         """Errors of the free run along one record and their Jacobian, `PART` samples at a time.

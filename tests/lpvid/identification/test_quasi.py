@@ -133,7 +133,7 @@ def test_a_run_that_diverges_in_an_early_part_ends_there(rng: np.random.Generato
 
 
 def test_memory_of_a_fit_does_not_grow_with_its_jacobian(rng: np.random.Generator) -> None:
-    """The Jacobian of all samples, n·k numbers, is never in memory: a search held it, and its standard errors twice."""
+    """n·k numbers, Jacobian or regressors of all samples, are never in memory; standard errors held them twice."""
     import tracemalloc
 
     model = random_model(rng, na=2, on="output", own="hats", external=True, size=0.15)
@@ -144,6 +144,8 @@ def test_memory_of_a_fit_does_not_grow_with_its_jacobian(rng: np.random.Generato
                      np.ones(model.vector.size), max_iterations=1, tolerance=1e-3)  # compiles
     assert start is not None
     tracemalloc.start()
+    problem.one_step(prior)
+    problem.one_step_error()
     found = minimise(problem, prior, model.vector, np.ones(model.vector.size), max_iterations=1, tolerance=1e-3)
     assert found is not None
     covariance(problem, found)
