@@ -207,7 +207,7 @@ def test_a_record_that_diverges_at_its_first_sample_counts_as_bad(at):
 
 
 def test_panels_of_a_record_share_one_time_axis() -> None:
-    """The times of a uniform clock are a new array at every call: one for each channel was as much again as the data."""
+    """The times of a uniform clock are a new array at every call: one for each channel doubled the data."""
     record = lpv.Record({n: np.arange(50.0) for n in "abc"}, sample_time=1 / RATE)
     curves = [curve for panel in record_traces(record, "abc", "").panels for curve in panel.curves]
     assert len(curves) == 3 and all(c.times is curves[0].times for c in curves)
