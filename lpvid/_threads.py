@@ -11,9 +11,13 @@ from threading import enumerate as enumerate_threads
 from typing import Any, Generic, TypeVar
 from weakref import WeakSet
 
+from lpvid.errors import InputError
+
 T = TypeVar("T")
 R = TypeVar("R")
 MOST_WORKERS = 4
+SHARE = "LPVID_PROCESSORS"
+"""environment variable: most processors that a command and its processes may use side by side"""
 
 
 class _Crew:
@@ -163,10 +167,22 @@ class found_once(Generic[R]):
 
 
 def processors() -> int:
-    """Processors that this process may use.
+    """Processors that this process may use: those of the system, no more than `SHARE` states where it is set.
 
     Returns
     -------
     int
+
+    Raises
+    ------
+    InputError
+        `SHARE` is no whole number from 1 on.
     """
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    whole = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    stated = os.environ.get(SHARE, "")
+    if not stated:
+        return whole
+    if not stated.isdecimal() or int(stated) < 1:
+        raise InputError(f"{SHARE} is no number of processors", got=repr(stated),
+                         mend="give a whole number from 1 on, or unset it")
+    return min(whole, int(stated))

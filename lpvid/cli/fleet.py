@@ -39,7 +39,7 @@ def fleet(
                                                   "e.g. tcp://10.0.0.1:8786; left out, a cluster on this "
                                                   "machine.")] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes of the local cluster (one per "
-                                                "core).")] = None,
+                                                "core, no more than files).")] = None,
     time_limit: Annotated[float, typer.Option("--time-limit", metavar="SECONDS", help="Time after which a step of a "
                                               "file is stopped and its later ones skipped.")] = 600.0,
     retries: Annotated[int, typer.Option("--retries", min=0, help="Further attempts at a step whose "

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lpvid._threads import SHARE, processors
 from lpvid.errors import InputError
 from lpvid.fleet import steps
 from lpvid.fleet.causes import FileCauses, read_causes
@@ -253,7 +254,7 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
     scheduler : str, optional
         Address of a running Dask scheduler whose workers see the same files; left out, a cluster on this machine.
     workers : int, optional
-        Processes of that local cluster; left out, one for each core.
+        Processes of that local cluster; left out, one for each core and no more than files.
     report_progress : callable
         Receives progress.
 
@@ -266,7 +267,7 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
     InputError
         Without Dask, or where the scheduler does not answer.
     """
-    with connected(scheduler, workers) as client:
+    with connected(scheduler, workers, len(plan.jobs)) as client:
         plan.out.mkdir(parents=True, exist_ok=True)
         outcomes: dict[str, dict[str, StepOutcome]] = {j.name: {} for j in plan.jobs}
 
@@ -370,7 +371,7 @@ def _solved(plan: FleetPlan, jobs: Sequence[Job], box: Scheduling, rate: float) 
 
 # -- cluster -----------------------------------------------------------------------------------------------------------
 @contextmanager
-def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
+def connected(scheduler: str | None, workers: int | None, files: int | None = None) -> Iterator[Client]:
     """A client of the scheduler at an address, or of a cluster on this machine that ends with it.
 
     Parameters
@@ -378,7 +379,9 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     scheduler : str or None
         Address, "tcp://host:8786" for instance; None for a cluster on this machine.
     workers : int or None
-        Processes of that cluster; None leaves it to Dask. Without effect where a scheduler is named.
+        Processes of that cluster; None for one per core. Without effect where a scheduler is named.
+    files : int, optional
+        Most processes where `workers` is None: more would have nothing to do.
 
     Yields
     ------
@@ -392,6 +395,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     """
     try:
         from dask import config
+        from dask.system import CPU_COUNT
         from distributed import Client, LocalCluster
     except ImportError:
         raise InputError("a fleet needs Dask", mend="pip install 'lpvid[scale]'") from None
@@ -406,9 +410,12 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         finally:
             client.close()
         return
-    plain: dict[str, Any] = {"dashboard_address": None}
+    cores = min(CPU_COUNT, processors())  # CPU_COUNT knows the limits of a container as well
+    count = workers or min(cores, files or cores)
+    share = max(cores // count, 1)  # of each worker and the commands that it starts: no forks beyond the cores
+    plain: dict[str, Any] = {"dashboard_address": None, "env": {SHARE: str(share)}}
     with config.set({"distributed.scheduler.allowed-failures": 5}):
-        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, silence_logs=50, **plain)
+        cluster = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **plain)
         with cluster, Client(cluster) as client:
             yield client
 

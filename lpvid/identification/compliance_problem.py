@@ -136,11 +136,13 @@ class ComplianceProblem(FreeRunProblem):
         return self.with_filter(self.model.with_vector(vector), whole[cut:])
 
     # -- errors ---------------------------------------------------------------------------------------------------
-    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
-        """Errors of the free run and their Jacobian, record by record.
+    def along(self, place: int, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
+        """Errors of the free run along one record and their Jacobian.
 
         Parameters
         ----------
+        place : int
+            Number of the record.
         x : (k,) array
             Parameters in the order of the class.
         jacobian : bool
@@ -151,17 +153,16 @@ class ComplianceProblem(FreeRunProblem):
         (n,) array, (n, k) array or None
             Errors ŷ − y [N] from the model's first free sample on, and ∂ŷ/∂x; None where it was not wanted.
         """
+        u, y, p = self.inputs[place], self.outputs[place], self.scheduling[place]
         model = self.model_at(x)
+        if not jacobian:
+            yield (self.run(model, u, p, y) - y)[model.start:], None
+            return
         tied = self.tie.max() + 1 < self.tie.size
-        select = self.matrix if jacobian and tied else None
-        for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
-            if not jacobian:
-                yield (self.run(model, u, p, y) - y)[model.start:], None
-                continue
-            run, slopes = _sensitivity(model, u, self.filtered(model, p), y)
-            moved = self.filter_slopes(x, u, p, y, run)
-            whole = np.column_stack([slopes, *moved])[model.start:] if moved else slopes[model.start:]
-            yield (run - y)[model.start:], whole if select is None else whole @ select
+        run, slopes = _sensitivity(model, u, self.filtered(model, p), y)
+        moved = self.filter_slopes(x, u, p, y, run)
+        whole = np.column_stack([slopes, *moved])[model.start:] if moved else slopes[model.start:]
+        yield (run - y)[model.start:], whole @ self.matrix if tied else whole
 
     def run(self, model: ComplianceModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
         return model.free_run(u, self.filtered(model, p), y[: model.start], np.inf)[0]

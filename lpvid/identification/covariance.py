@@ -7,9 +7,9 @@ the scores J(t) e(t): from sums over blocks (`blocks`; Carlstein 1986), from lag
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import accumulate, chain, pairwise
 
 import numpy as np
 
@@ -137,14 +137,33 @@ def bartlett(scores: Sequence[np.ndarray], lags: int) -> np.ndarray:
     -------
     (k, k) array
     """
-    k, window = scores[0].shape[1], lags + 1
-    out = np.zeros((k, k))
-    for s in scores:  # (1 − |τ|/window) of s(t) s(t−τ)ᵀ is the mean share of the windows that hold both samples
-        before = np.zeros((window, k))  # cumulative sums up to the part at hand
-        for first in range(0, len(s) + lags, PART):
-            part = s[first: first + PART]
-            sums = np.zeros((min(PART, len(s) + lags - first), k))
-            sums[: len(part)] = part
+    cut = ((s[first: first + PART] for first in range(0, len(s), PART)) for s in scores)
+    return bartlett_of_parts(cut, scores[0].shape[1], lags)
+
+
+def bartlett_of_parts(scores: Iterable[Iterable[np.ndarray]], columns: int, lags: int) -> np.ndarray:
+    """The same of scores that come part by part, so that those of a long record are never in memory together.
+
+    Parameters
+    ----------
+    scores : iterable of iterables of (n, columns) arrays
+        Of each record its parts, in order; read once.
+    columns : int
+        k, number of parameters.
+    lags : int
+
+    Returns
+    -------
+    (k, k) array
+    """
+    window = lags + 1
+    out = np.zeros((columns, columns))
+    for parts in scores:  # (1 − |τ|/window) of s(t) s(t−τ)ᵀ is the mean share of the windows that hold both samples
+        before = np.zeros((window, columns))  # cumulative sums up to the part at hand
+        for part in chain(parts, [np.zeros((lags, columns))]):
+            if not len(part):
+                continue
+            sums = np.array(part)
             sums[0] += before[-1]
             np.cumsum(sums, axis=0, out=sums)
             before = np.vstack([before, sums])

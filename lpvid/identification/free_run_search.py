@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lpvid.identification.covariance import bartlett, normal_inverse, residual_memory
+from lpvid.identification.covariance import bartlett_of_parts, normal_inverse, residual_memory
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.structure import Structure
 from lpvid.least_squares import Factors, SearchEnd, StopRule, descend
@@ -57,8 +57,27 @@ class FreeRunProblem(ABC):
     free_filter: bool
 
     @abstractmethod
-    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterable[Piece]:
-        """(n,) errors ŷ − y and (n, k) ∂ŷ/∂x of every record; an error that is not finite marks divergence.
+    def along(self, place: int, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
+        """(n,) errors ŷ − y and (n, k) ∂ŷ/∂x of one record; an error that is not finite marks divergence.
+
+        Parameters
+        ----------
+        place : int
+            Number of the record.
+        x : (k,) array
+            Parameters.
+        jacobian : bool
+            Whether the derivatives are wanted too; None in their place otherwise.
+
+        Yields
+        ------
+        (n,) array, (n, k) array or None
+            In the unit of the output, from the model's first free sample on; with derivatives in parts of the record,
+            one after the other. The caller may change them.
+        """
+
+    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
+        """The same of all records, one after the other.
 
         Parameters
         ----------
@@ -67,11 +86,13 @@ class FreeRunProblem(ABC):
         jacobian : bool
             Whether the derivatives are wanted too; None in their place otherwise.
 
-        Returns
-        -------
-        iterable of ((n,) array, (n, k) array or None)
-            One pair per record, in the unit of the output.
+        Yields
+        ------
+        (n,) array, (n, k) array or None
+            One per record without derivatives.
         """
+        for place in range(len(self.outputs)):
+            yield from self.along(place, x, jacobian)
 
     @abstractmethod
     def model_at(self, x: np.ndarray) -> Any:
@@ -349,15 +370,21 @@ def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.nda
     float
         Mean squared error per sample [square of the output's unit].
     """
-    errors, scores = [], []
-    for error, jacobian in problem.pieces(found.trial.x, True):
-        assert jacobian is not None
-        errors.append(error)
-        jacobian *= error[:, None]  # its own: `pieces` computes it for the caller
-        scores.append(jacobian)
+    x = found.trial.x
+    errors = [error for error, _ in problem.pieces(x, False)]
+    scores = (_scores(problem.along(place, x, True)) for place in range(len(errors)))
+    middle = bartlett_of_parts(scores, x.size, residual_memory(errors))
     inverse = normal_inverse(found.linearised.gram)
     mean_square = sum(float(e @ e) for e in errors) / max(sum(map(len, errors)), 1)
-    return inverse @ bartlett(scores, residual_memory(errors)) @ inverse, mean_square
+    return inverse @ middle @ inverse, mean_square
+
+
+def _scores(pieces: Iterator[Piece]) -> Iterator[np.ndarray]:
+    """(n, k) J(t) e(t) of each part of a record, in the memory of its Jacobian."""
+    for error, jacobian in pieces:
+        assert jacobian is not None
+        jacobian *= error[:, None]
+        yield jacobian
 
 
 @dataclass(frozen=True, eq=False)

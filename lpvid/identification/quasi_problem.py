@@ -13,6 +13,8 @@ from lpvid.record import Record
 
 DIVERGED = 1e6
 """a training run that exceeds this many times the largest output is ended."""
+PART = 16_384
+"""samples whose sensitivities or regressors are in memory at a time: 15 MB of 113 parameters"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +127,7 @@ class QuasiProblem(FreeRunProblem):
         return float(np.sqrt(sum(squares) / max(left, 1)))
 
     def _equations(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Per record the (n, θ) regressors on measured outputs and the (n,) outputs that they shall give."""
+        """(n, θ) regressors on measured outputs and (n,) outputs that they shall give, `PART` samples at a time."""
         model = self.model
         weights = np.ones(1) if model.on == "input" else model.kappa
         for u, y, p, rows in zip(self.inputs, self.outputs, self.scheduling, self.measured_rows(), strict=True):
@@ -134,15 +136,19 @@ class QuasiProblem(FreeRunProblem):
             if model.on != "input":
                 rho[1:] += y[:-1]
             low, high = model.range
-            own = model.own.evaluate(np.clip(rho, low, high)[:, None])
-            x = np.einsum("nm,ne,nr->nmer", own, phi, rows)[model.start:].reshape(len(y) - model.start, -1)
-            yield x, y[model.start:]
+            for first in range(model.start, len(y), PART):
+                part = slice(first, first + PART)
+                own = model.own.evaluate(np.clip(rho[part], low, high)[:, None])
+                x = np.einsum("nm,ne,nr->nmer", own, phi[part], rows[part])
+                yield x.reshape(len(x), -1), y[part]
 
-    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
-        """Errors of the free run and their Jacobian, record by record.
+    def along(self, place: int, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
+        """Errors of the free run along one record and their Jacobian, `PART` samples at a time.
 
         Parameters
         ----------
+        place : int
+            Number of the record.
         x : (k,) array
             Parameters in the order of the class.
         jacobian : bool
@@ -152,27 +158,41 @@ class QuasiProblem(FreeRunProblem):
         ------
         (n,) array, (n, k) array or None
             Errors ŷ − y from the model's first free sample on, and ∂ŷ/∂x; None where it was not wanted. Without it
-            a run that diverges gives one infinite error.
+            a run that diverges gives one infinite error; with it the samples behind have errors and slopes of zero.
         """
-        from lpvid._quasi_kernels import free_run_quasi, sensitivity_quasi
+        from lpvid._quasi_kernels import free_run_quasi
 
+        u, y, p = self.inputs[place], self.outputs[place], self.scheduling[place]
         model = self.model_at(x)
+        limit = DIVERGED * float(np.abs(y).max())
+        if jacobian:
+            yield from self._linearised(model, x, (u, y, p), limit)
+            return
+        out, arrays = np.array(y), model.arrays(u, self.filtered(model, p))
+        code = free_run_quasi(*model.kernel_settings, *arrays, out, model.start, limit)
+        yield (out - y)[model.start:] if code < 0 else np.array([np.inf]), None
+
+    def _linearised(self, model: QuasiLPVModel, x: np.ndarray, record: tuple[np.ndarray, ...], limit: float
+                    ) -> Iterator[Piece]:
+        """Errors and Jacobian of one record; each part goes on from the last slopes of the one before."""
+        from lpvid._quasi_kernels import sensitivity_quasi
+
+        u, y, p = record
         start, size = model.start, model.vector.size
-        for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
-            limit = DIVERGED * float(np.abs(y).max())
-            arrays = model.arrays(u, self.filtered(model, p))
-            out = np.array(y)
-            if not jacobian:
-                code = free_run_quasi(*model.kernel_settings, *arrays, out, start, limit)
-                yield (out - y)[start:] if code < 0 else np.array([np.inf]), None
-                continue
-            columns = size if model.on != "input" else size + 1  # the kernel also gives the fixed weight's column
-            slopes = np.zeros((len(y), columns))
-            sensitivity_quasi(*model.kernel_settings, *arrays, out, start, limit, slopes)
-            moved = self.filter_slopes(x, u, p, y, out)
-            if moved or columns > size:
-                slopes = np.column_stack([slopes[:, :size], *moved])
-            yield (out - y)[start:], slopes[start:]
+        columns = size if model.on != "input" else size + 1  # the kernel also gives the fixed weight's column
+        arrays = model.arrays(u, self.filtered(model, p))
+        moved = self.filter_slopes(x, u, p, y, self.run(model, u, p, y)) if self.filter_scales.size else []
+        out, before, code = np.array(y), np.zeros((start, columns)), -1
+        for first in range(start, len(y), PART):
+            part, back = slice(first, first + PART), slice(first - start, first + PART)
+            slopes = np.zeros((len(y[back]), columns))
+            slopes[:start] = before
+            if code < 0:
+                code = sensitivity_quasi(*model.kernel_settings, *(a[back] for a in arrays), out[back], start, limit,
+                                         slopes)
+            before = slopes[len(slopes) - start:].copy()
+            own = slopes[start:, :size]
+            yield (out - y)[part], np.column_stack([own, *(m[part] for m in moved)]) if moved else own
 
     def run(self, model: QuasiLPVModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
         from lpvid._quasi_kernels import free_run_quasi

@@ -105,8 +105,9 @@ def channel_panels(record: Record, channels: Sequence[str], height: int = LOW) -
     tuple of Panel
         Labelled with name and unit.
     """
+    times = record.times  # of a uniform clock an array of its own at every call: one for all panels
     return tuple(Panel(label(name, record.unit(name)),
-                       (Curve(name, record.times, record[name], "input", stepped=_steps(record[name])),),
+                       (Curve(name, times, record[name], "input", stepped=_steps(record[name])),),
                        height=height) for name in channels if record.has(name))
 
 

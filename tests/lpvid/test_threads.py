@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 import time
 
@@ -10,6 +13,13 @@ import pytest
 from lpvid import _threads
 from lpvid._threads import in_parallel
 
+PRINTED = """
+from lpvid._threads import processors
+try:
+    print(processors())
+except ValueError as error:
+    print(error)
+"""
 
 @pytest.fixture
 def three(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,6 +40,18 @@ class Counted:
         with self.lock:
             self.now -= 1
         return item
+
+
+def test_a_share_of_the_processors_is_kept_and_nothing_else_is_one() -> None:
+    """In processes of their own: pytest's has a share already."""
+    def stated(share: str) -> str:
+        return subprocess.run([sys.executable, "-c", PRINTED], env={**os.environ, _threads.SHARE: share}, check=True,
+                              capture_output=True, text=True).stdout.strip()
+
+    whole = stated("")
+    assert [stated(share) for share in ("1", "100000")] == ["1", whole] and int(whole) >= 1
+    for wrong in ("0", "-1", "two", "1.5"):
+        assert stated(wrong).startswith(f"LPVID_PROCESSORS is no number of processors: got {wrong!r}."), stated(wrong)
 
 
 @pytest.mark.usefixtures("three")

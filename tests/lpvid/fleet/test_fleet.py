@@ -245,7 +245,7 @@ def test_of_a_file_that_hangs_later_steps_are_skipped_and_it_is_listed(
                 found = function(job, plan, *more)
             yield job, found
 
-    monkeypatch.setattr(running, "connected", lambda scheduler, workers: nullcontext())
+    monkeypatch.setattr(running, "connected", lambda *settings: nullcontext())
     monkeypatch.setattr(running, "_stage", here)
     found = run_fleet(plan)
     assert [step for step, name in run if name == "d03"] == ["audit"]
@@ -349,6 +349,25 @@ def test_a_missing_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 # -- on a cluster ------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("workers", "files", "count", "share"), [(None, 3, 3, "2"), (None, 20, 6, "1"),
+                                                                   (2, 20, 2, "3"), (9, 20, 9, "1")])
+def test_workers_and_what_they_start_share_the_cores(monkeypatch: pytest.MonkeyPatch, workers: int | None, files: int,
+                                                     count: int, share: str) -> None:
+    """Six cores: no more workers than files, and no more processors for each than there are beside the others."""
+    seen: dict[str, Any] = {}
+
+    def cluster(**settings: Any) -> Any:
+        seen.update(settings)
+        return nullcontext()
+
+    monkeypatch.setattr("distributed.LocalCluster", cluster)
+    monkeypatch.setattr("distributed.Client", lambda cluster: nullcontext())
+    monkeypatch.setattr("dask.system.CPU_COUNT", 6)
+    monkeypatch.setattr(running, "processors", lambda: 8)
+    with connected(None, workers, files):
+        assert (seen["n_workers"], seen["env"]) == (count, {"LPVID_PROCESSORS": share})
+
+
 def untimed(found: Any) -> Any:
     if isinstance(found, dict):
         return {k: untimed(v) for k, v in found.items() if k != "seconds"}

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import lpvid as lpv
 from lpvid.condition import split_tail
 from lpvid.errors import InputError
-from lpvid.identification.free_run_search import covariance, minimise
+from lpvid.identification.free_run_search import Prior, covariance, minimise
 from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.quasi_problem import QuasiProblem
 from lpvid.model.quasi import QuasiLPVModel
@@ -100,6 +100,58 @@ def test_sensitivities_are_difference_quotients(rng: np.random.Generator, on: st
         up, down = (next(iter(problem.pieces(x + s * step, False)))[0] for s in (1, -1))
         quotient = (up - down) / (2 * step[place])
         np.testing.assert_allclose(jacobian[:, place], quotient, rtol=2e-4, atol=2e-5 * (1 + np.abs(quotient).max()))
+
+
+@pytest.mark.parametrize("on", ["output", "trial", "input"])
+def test_sensitivities_in_parts_are_those_of_the_whole_record(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch,
+                                                              on: str) -> None:
+    """Of two records, with a filter that is fitted along; parts are shorter than a record and than its start."""
+    model = random_model(rng, na=2, on=on, external=True, size=0.15)
+    model = replace(model, scheduling_stage=SchedulingLag(0.03, 0.05))
+    problem = QuasiProblem.of([driven(rng, 40), driven(rng, 25)], model, True)
+    x = np.concatenate([model.vector, [0.03, 0.05]])
+    whole = list(problem.pieces(x, True))
+    for part in (7, 1):
+        monkeypatch.setattr("lpvid.identification.quasi_problem.PART", part)
+        parts = list(problem.pieces(x, True))
+        assert len(whole) == 2 and max(len(e) for e, _ in parts) == part
+        for k in (0, 1):
+            np.testing.assert_array_equal(np.concatenate([p[k] for p in parts]), np.concatenate([p[k] for p in whole]))
+
+
+def test_a_run_that_diverges_in_an_early_part_ends_there(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+                                                         ) -> None:
+    model = random_model(rng, na=2, on="input", external=False, size=30.0)
+    problem = QuasiProblem.of([driven(rng, 60)], model, False)
+    whole = list(problem.pieces(model.vector, True))
+    assert np.isinf(next(iter(problem.pieces(model.vector, False)))[0]).all()
+    monkeypatch.setattr("lpvid.identification.quasi_problem.PART", 5)
+    parts = list(problem.pieces(model.vector, True))
+    for k in (0, 1):
+        np.testing.assert_array_equal(np.concatenate([p[k] for p in parts]), np.concatenate([p[k] for p in whole]))
+    assert not parts[-1][0].any() and not parts[-1][1].any()
+
+
+def test_memory_of_a_fit_does_not_grow_with_its_jacobian(rng: np.random.Generator) -> None:
+    """n·k numbers, Jacobian or regressors of all samples, are never in memory; standard errors held them twice."""
+    import tracemalloc
+
+    model = random_model(rng, na=2, on="output", own="hats", external=True, size=0.15)
+    record = driven(rng, 200_000)
+    prior = Prior(np.eye(model.vector.size), model.vector)
+    problem = QuasiProblem.of([record], model, False)
+    start = minimise(QuasiProblem.of([driven(rng, 40)], model, False), prior, model.vector,
+                     np.ones(model.vector.size), max_iterations=1, tolerance=1e-3)  # compiles
+    assert start is not None
+    tracemalloc.start()
+    problem.one_step(prior)
+    problem.one_step_error()
+    found = minimise(problem, prior, model.vector, np.ones(model.vector.size), max_iterations=1, tolerance=1e-3)
+    assert found is not None
+    covariance(problem, found)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 * record.n_samples * model.vector.size
 
 
 # -- estimation --------------------------------------------------------------------------------------------------------

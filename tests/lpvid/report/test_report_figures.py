@@ -11,6 +11,7 @@ from lpvid.plot.comparison import Comparison
 from lpvid.plot.residuals import NORMAL_99
 from lpvid.plot.stability import locus
 from lpvid.plot.synthesis import weighted_channels
+from lpvid.report.courses import record_traces
 from lpvid.report.figures import comparisons, overall_table, records_table, verdict_grade
 from lpvid.report.inspection import MOST_DRAWN, inspection_page
 from lpvid.report.stability import locus_items, study_stability
@@ -203,3 +204,11 @@ def test_a_record_that_diverges_at_its_first_sample_counts_as_bad(at):
 
     well, still, gone = row("well", 1e-4), row("still", None), row("gone", None, at)
     assert graded(well, still) == "good" and graded(well, still, gone) == "warn"
+
+
+def test_panels_of_a_record_share_one_time_axis() -> None:
+    """The times of a uniform clock are a new array at every call: one for each channel doubled the data."""
+    record = lpv.Record({n: np.arange(50.0) for n in "abc"}, sample_time=1 / RATE)
+    curves = [curve for panel in record_traces(record, "abc", "").panels for curve in panel.curves]
+    assert len(curves) == 3 and all(c.times is curves[0].times for c in curves)
+    np.testing.assert_array_equal(curves[0].times, record.times)
