@@ -330,7 +330,9 @@ def test_roles_and_held_out_data(rng: np.random.Generator) -> None:
     found = identify(named, TRUE_STRUCTURE, held_out=named.slice(200, 400))
     np.testing.assert_allclose(found.parameters, identify(record, TRUE_STRUCTURE).parameters, rtol=1e-13)
     assert found.held_out is not None
-    assert found.held_out.label == "held-out"
+    assert found.held_out.label == "training"  # a part of the record that was fitted
+    first = identify(named.slice(0, 200), TRUE_STRUCTURE, held_out=named.slice(200, 400))
+    assert first.held_out is not None and first.held_out.label == "held-out"
     assert found.held_out.records[0].n_samples == 200
 
 
