@@ -156,6 +156,25 @@ def test_a_gain_whose_matrix_moves(design, sample_time, rng):
     kept(found, rate, rng)
 
 
+@pytest.mark.parametrize("design", [lpv.StateFeedback, lpv.Observer])
+def test_a_bound_that_is_asked_for_leaves_room_for_the_fit(design):
+    """A tenth above the least bound: the program that takes all of it has no room for a gain that is fitted."""
+    plant = (measured if design is lpv.StateFeedback else turning)(0.5)
+    least = lpv.synthesize(plant, design(hull=HULL, lyapunov=MOVING, points=4)).infimum
+    found = lpv.synthesize(plant, design(lpv.HInfinity(bound=1.1 * least), hull=HULL, lyapunov=MOVING, points=4))
+    assert found.verdict == "solved" and found.gamma_verified <= 1.1 * least
+    assert lpv.verify(found.certificate, found.closed_loop).holds
+
+
+def test_output_feedback_that_is_solved_keeps_the_bound_that_was_asked_for():
+    """A tenth above the least bound: the formula of that bound is proven above it, one of half as much room below."""
+    design = lpv.OutputFeedback(hull=HULL, lyapunov=MOVING, varying="controls", points=4)
+    least = lpv.synthesize(turning(0.5), design).infimum
+    found = lpv.synthesize(turning(0.5), dataclasses.replace(design, bound=1.1 * least))
+    assert found.verdict == "solved" and found.gamma_verified <= 1.1 * least
+    assert lpv.verify(found.certificate, found.closed_loop).holds
+
+
 @pytest.mark.seconds
 def test_faster_motion_costs_more_and_jumps_cost_what_constants_do():
     gains = [lpv.synthesize(measured(rate), lpv.StateFeedback(hull=HULL, lyapunov=MOVING)).gamma_verified
