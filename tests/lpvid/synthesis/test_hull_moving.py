@@ -240,6 +240,11 @@ def test_a_certificate_without_a_polytope_does_not_hold():
                           (2 * TRIANGLE, "leaves its box")):
         outcome = lpv.verify(dataclasses.replace(held, vertices=vertices), found.closed_loop)
         assert not outcome.holds and why in outcome.why
+    smaller = dataclasses.replace(held, vertices=0.5 * TRIANGLE)
+    outcome = lpv.verify(smaller, found.closed_loop)  # true, of a smaller set than that of the design
+    assert outcome.holds and "3 of the 3 vertices of the design's hull lie outside of it" in outcome.why
+    assert "c in [-0.5, 0.5]" in smaller.claim and "c in [-1, 1]" in held.claim
+    assert "design's hull" not in lpv.verify(held, found.closed_loop).why
     faster = dataclasses.replace(held.box, rate=(20.0, 20.0))
     assert not lpv.verify(dataclasses.replace(held, box=faster), found.closed_loop).holds
 
