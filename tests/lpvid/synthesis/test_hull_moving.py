@@ -12,6 +12,7 @@ import lpvid as lpv
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.model.designed import designed
 from lpvid.model.hull import KEY
+from lpvid.synthesis.moving_feedback import lowest
 
 NAMES = ("c", "s")
 TRIANGLE = np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]])
@@ -173,6 +174,14 @@ def test_output_feedback_that_is_solved_keeps_the_bound_that_was_asked_for():
     found = lpv.synthesize(turning(0.5), dataclasses.replace(design, bound=1.1 * least))
     assert found.verdict == "solved" and found.gamma_verified <= 1.1 * least
     assert lpv.verify(found.certificate, found.closed_loop).holds
+
+
+def test_of_two_sides_both_must_be_infeasible():
+    """What X cannot keep Y may keep: without a controller of Y that none exists is not shown."""
+    refused, lost = lpv.Synthesis("infeasible", why="least bound 2"), lpv.Synthesis("numerical", why="not written down")
+    for order in ((refused, lost), (lost, refused)):
+        assert lowest(order, refused).verdict == "numerical"
+    assert lowest((refused, refused), refused).verdict == "infeasible"
 
 
 @pytest.mark.seconds
