@@ -108,7 +108,7 @@ def decidable(system: Driven, basis: Basis) -> str:
     return ""
 
 
-def recheck_on(problem: LyapunovInequality, vertices: np.ndarray | None) -> Recheck:
+def recheck_on(problem: LyapunovInequality, vertices: np.ndarray | None, *, budget: int | None = None) -> Recheck:
     """Check an inequality on the box, or on a polytope: by its vertices where these decide, else by `recheck_polytope`.
 
     Parameters
@@ -116,15 +116,17 @@ def recheck_on(problem: LyapunovInequality, vertices: np.ndarray | None) -> Rech
     problem : LyapunovInequality
     vertices : (V, readings) array or None
         None for the box of the storage function.
+    budget : int, optional
+        Matrices that subdivision may examine.
 
     Returns
     -------
     Recheck
     """
     if vertices is None:
-        return recheck_inequality(problem)
+        return recheck_inequality(problem, budget=budget)
     still = not problem.storage.basis.names
-    return recheck_vertices(problem, vertices) if still else recheck_polytope(problem, vertices)
+    return recheck_vertices(problem, vertices) if still else recheck_polytope(problem, vertices, budget=budget)
 
 
 def recheck_polytope(problem: LyapunovInequality, vertices: np.ndarray, *, budget: int | None = None) -> Recheck:
