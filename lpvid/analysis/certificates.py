@@ -18,6 +18,7 @@ from lpvid.lmi.bounds import recheck_decrease
 from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.driven import Driven, Model, autonomous
+from lpvid.lmi.hull_certificate import HullCertificate
 from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import LyapunovSearch, dependent, frozen_rates
 from lpvid.lmi.storage import Storage
@@ -206,7 +207,22 @@ def verify(certificate: Checkable, model: Any) -> Verification:
     if not isinstance(certificate, Checkable):
         raise InputError("this is no certificate", got=type(certificate).__name__)
     found = certificate.check(model)
-    return Verification(found.holds, found.margin, found.between_grid, found.why)
+    why = found.why + (_left_out(certificate, model) if found.holds else "")
+    return Verification(found.holds, found.margin, found.between_grid, why)
+
+
+def _left_out(certificate: Checkable, model: Any) -> str:
+    """A remark where a certificate's polytope is smaller than the hull of the model's design."""
+    vertices = getattr(certificate, "vertices", None)
+    hull = None if vertices is None else design_hull(model)
+    if vertices is None or hull is None:
+        return ""
+    names = certificate.names if isinstance(certificate, HullCertificate) else certificate.box.names  # type: ignore
+    if not set(names) <= set(hull.names):
+        return ""
+    wanted = hull.over(names).vertices()
+    out = int((~Hull.of(names, vertices).contains(wanted)).sum())
+    return f"; {out} of the {len(wanted)} vertices of the design's hull lie outside of it" if out else ""
 
 
 def _candidates(system: Driven, box: Scheduling) -> Iterator[tuple[Storage, str]]:

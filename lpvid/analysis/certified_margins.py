@@ -11,16 +11,14 @@ import numpy as np
 from lpvid import _checks
 from lpvid.analysis.certificates import Range, Rate, certificate_for, certificate_within, requested_box
 from lpvid.analysis.frozen import Model
-from lpvid.analysis.hull_stability import DENSE, certificate_on, moving_certificate_on
+from lpvid.analysis.hull_stability import certificate_on, moving_certificate_on
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability, share_of
 from lpvid.errors import InputError
-from lpvid.lmi.bounds import recheck_decrease
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import autonomous
-from lpvid.lmi.polytope_positivity import lattice
+from lpvid.lmi.polytope_positivity import CUBES, dense
 from lpvid.lmi.search import frozen_rates
-from lpvid.lmi.storage import Storage
 from lpvid.model.adaptable import checked_matrices
 from lpvid.model.hull import Hull, design_hull
 from lpvid.scheduling import Scheduling
@@ -193,7 +191,7 @@ def _largest_hull(model: Model, hull: Hull, box: Scheduling, towards: str) -> La
     columns = [box.names.index(r.name) for r in system.readings]
 
     def why(factor: float) -> str:
-        points = lattice(hull.scaled(factor).over(box.names).vertices(), DENSE)[:, columns]
+        points = dense(hull.scaled(factor).over(box.names).vertices())[:, columns]
         return "frozen" if frozen_rates(system, points).max() >= 0 else "certificate"
 
     factor, best = _edge(lambda share: certificate_within(model, hull.scaled(share), box), 1.0, 1 / 64, WIDEST)
@@ -227,7 +225,7 @@ def largest_rate(model: Model, range: Range = None) -> LargestRate:
     system = autonomous(model)
     columns = [box.names.index(r.name) for r in system.readings]
     points = (grid(box, 9 if len(box.names) < 3 else 3) if hull is None
-              else lattice(hull.over(box.names).vertices(), DENSE))
+              else dense(hull.over(box.names).vertices()))
     slow = frozen_rates(system, points[:, columns])
     pace = 1 / model.sample_time if model.sample_time is not None else float(np.abs(slow).max())
     width = 2 * box.half_width
@@ -270,14 +268,12 @@ def certified_share(certificate: StabilityCertificate, models: Iterable[Model], 
     """
     if not certificate.verified:
         raise InputError("a certificate without a claim covers no model", got=certificate.verdict)
-    storage = Storage(certificate.matrices, certificate.basis, certificate.box, certificate.sample_time)
+    patience = PATIENCE if certificate.vertices is None else CUBES * PATIENCE
     hits, count, exact = 0, 0, True
     for model in models:
-        system = autonomous(model)
-        found = (recheck_decrease(system, storage, budget=PATIENCE) if certificate.vertices is None
-                 else certificate.decrease(system))
+        found = certificate.decrease(autonomous(model), budget=patience)
         hits += found.holds and found.between_grid >= certificate.between_grid
-        exact &= found.between_grid or not found.holds
+        exact &= found.between_grid or found.margin <= 0  # else shown on a grid, or not decided
         count += 1
     if not count:
         raise InputError("no model was drawn", mend="give at least one model")

@@ -113,7 +113,7 @@ class StabilityCertificate(StorageCertificate):
         fault = fault or polytope_fault(self.vertices, self.storage, subject)
         return fault or ("" if self.decay_rate >= 0 else "the certificate holds a negative rate")
 
-    def decrease(self, subject: Driven, exponent: float = 0.0) -> Recheck:
+    def decrease(self, subject: Driven, exponent: float = 0.0, *, budget: int | None = None) -> Recheck:
         """What numpy finds about the decrease at least as exp(−αt), on the box or on the polytope.
 
         Parameters
@@ -121,16 +121,18 @@ class StabilityCertificate(StorageCertificate):
         subject : Driven
         exponent : float
             α [1/s].
+        budget : int, optional
+            Matrices that subdivision may examine.
 
         Returns
         -------
         Recheck
         """
         if self.vertices is None:
-            return recheck_decrease(subject, self.storage, exponent)
+            return recheck_decrease(subject, self.storage, exponent, budget=budget)
         if not self.basis.names and not subject.affine:
             return Recheck(False, False, math.nan, "the model is not affine in its scheduling: vertices do not decide")
-        return recheck_decrease_at(subject, self.storage, self.vertices, exponent)
+        return recheck_decrease_at(subject, self.storage, self.vertices, exponent, budget=budget)
 
     def recheck(self, model: Model, subject: Driven) -> Recheck:
         found = self.decrease(subject)

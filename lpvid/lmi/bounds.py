@@ -204,7 +204,8 @@ def recheck_decrease(system: Driven, storage: Storage, exponent: float = 0.0, *,
     return recheck_inequality(DecayBound(system, storage, exponent, in_seconds=True), budget=budget)
 
 
-def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, exponent: float = 0.0) -> Recheck:
+def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, exponent: float = 0.0, *,
+                        budget: int | None = None) -> Recheck:
     """As `recheck_decrease` on the polytope of some vertices, for one P and a system affine in its readings, or for a P
     that moves.
 
@@ -215,6 +216,8 @@ def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, 
     vertices : (V, readings) array
     exponent : float
         α ≥ 0 [1/s].
+    budget : int, optional
+        Matrices that subdivision may examine.
 
     Returns
     -------
@@ -223,4 +226,4 @@ def recheck_decrease_at(system: Driven, storage: Storage, vertices: np.ndarray, 
     """
     if system.order == 0:
         return Recheck(True, True, 1.0, "the model has no memory")
-    return recheck_on(DecayBound(system, storage, exponent, in_seconds=True), vertices)
+    return recheck_on(DecayBound(system, storage, exponent, in_seconds=True), vertices, budget=budget)

@@ -342,7 +342,33 @@ def describe_set(box: Scheduling, vertices: np.ndarray | None, kind: str) -> str
     if vertices is None:
         return describe_box(box, kind)
     motion = f" with {speeds(box)}" if kind == "parameter-dependent" else ", however fast it moves"
-    return f" for every trajectory of {', '.join(box.names)} in a polytope of {len(vertices)} vertices{motion}"
+    return f" for every trajectory of {within(box.names, vertices, box.units)}{motion}"
+
+
+def within(names: tuple[str, ...], vertices: np.ndarray, units: tuple[str, ...] = ()) -> str:
+    """A polytope in words: how many vertices, and how far they reach; a smaller one would prove less.
+
+    Parameters
+    ----------
+    names : tuple of str
+    vertices : (V, len(names)) array
+    units : tuple of str
+        One for each name; none where they are not known.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> within(("p", "q"), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]]))
+    'p in [0, 1], q in [0, 2] in a polytope of 3 vertices'
+    """
+    count = f"in a polytope of {len(vertices)} vertices"
+    if not len(vertices):
+        return f"{', '.join(names)} {count}"
+    ends = zip(names, vertices.min(axis=0), vertices.max(axis=0), units or ("",) * len(names), strict=True)
+    return ", ".join(f"{n} in [{a:.6g}, {b:.6g}] {u}".rstrip() for n, a, b, u in ends) + f" {count}"
 
 
 def describe_box(box: Scheduling, kind: str) -> str:

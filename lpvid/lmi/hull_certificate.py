@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.codec import UNWRITTEN
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import Recheck
-from lpvid.lmi.certificate_common import Certificate
+from lpvid.lmi.certificate_common import Certificate, within
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import certify_gain
 from lpvid.model.state_space import LPVStateSpace
@@ -66,7 +66,7 @@ class HullCertificate(Certificate):
     def claim(self) -> str:
         """What the certificate states, in words."""
         return (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
-                f"trajectory of {', '.join(self.names)} in a polytope of {len(self.vertices)} vertices, however fast")
+                f"trajectory of {within(self.names, self.vertices)}, however fast")
 
     def subject(self, model: LPVStateSpace) -> Driven:
         return affine_driven(model, self.names)

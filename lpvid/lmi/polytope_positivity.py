@@ -32,6 +32,11 @@ from lpvid.scheduling import Basis, Polynomial, Scheduling
 CUBES = 8
 """times the budget of a box for all simplices together: some eight seconds"""
 
+EDGE = 12
+"""parts of every edge of the simplices by the points at which frozen models are looked at"""
+FROZEN = 20_000
+"""of these points at most: some two seconds of eigenvalues at ten states"""
+
 
 def simplices(vertices: np.ndarray) -> np.ndarray:
     """The simplices around the middle of a polytope that fill it.
@@ -103,7 +108,7 @@ def decidable(system: Driven, basis: Basis) -> str:
     return ""
 
 
-def recheck_on(problem: LyapunovInequality, vertices: np.ndarray | None) -> Recheck:
+def recheck_on(problem: LyapunovInequality, vertices: np.ndarray | None, *, budget: int | None = None) -> Recheck:
     """Check an inequality on the box, or on a polytope: by its vertices where these decide, else by `recheck_polytope`.
 
     Parameters
@@ -111,15 +116,17 @@ def recheck_on(problem: LyapunovInequality, vertices: np.ndarray | None) -> Rech
     problem : LyapunovInequality
     vertices : (V, readings) array or None
         None for the box of the storage function.
+    budget : int, optional
+        Matrices that subdivision may examine.
 
     Returns
     -------
     Recheck
     """
     if vertices is None:
-        return recheck_inequality(problem)
+        return recheck_inequality(problem, budget=budget)
     still = not problem.storage.basis.names
-    return recheck_vertices(problem, vertices) if still else recheck_polytope(problem, vertices)
+    return recheck_vertices(problem, vertices) if still else recheck_polytope(problem, vertices, budget=budget)
 
 
 def recheck_polytope(problem: LyapunovInequality, vertices: np.ndarray, *, budget: int | None = None) -> Recheck:
@@ -209,11 +216,36 @@ def lattice(vertices: np.ndarray, order: int) -> np.ndarray:
     [[0.0], [1.0], [2.0]]
     """
     n = vertices.shape[1]
-    shares = np.array([s for s in itertools.product(range(order + 1), repeat=n + 1) if sum(s) == order]) / order
+    bars = np.array(list(itertools.combinations(range(order + n), n)), dtype=int).reshape(-1, n)  # between order stars
+    ends = np.full((len(bars), 1), order + n)
+    shares = (np.diff(np.hstack([np.full((len(bars), 1), -1), bars, ends]), axis=1) - 1) / order
     points = (shares @ simplices(vertices)).reshape(-1, n)
     low, width = vertices.min(axis=0), np.ptp(vertices, axis=0)
     size = np.where(width > 0, width, 1.0)
     return np.asarray(low + size * np.unique(np.round((points - low) / size, 10), axis=0))
+
+
+def dense(vertices: np.ndarray) -> np.ndarray:
+    """Points of a polytope at which frozen models are looked at: twelve parts of an edge, fewer in many variables.
+
+    Parameters
+    ----------
+    vertices : (V, n) array
+
+    Returns
+    -------
+    (N, n) array
+        As `lattice`, each once.
+
+    Examples
+    --------
+    >>> square, cross = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1]]), np.vstack([np.eye(6), -np.eye(6)])
+    >>> len(dense(square)), len(dense(cross)) <= FROZEN
+    (313, True)
+    """
+    n, parts = vertices.shape[1], len(simplices(vertices))
+    affordable = (k for k in range(EDGE, 1, -1) if parts * math.comb(k + n, n) <= FROZEN)
+    return lattice(vertices, next(affordable, 1))
 
 
 def stepped_box(storage: Storage) -> Scheduling:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.model.hull import Hull
 from lpvid.scheduling import Basis, Polynomial
+from lpvid.synthesis.assumptions import Fault
 from lpvid.synthesis.criteria import Criterion, HInfinity, Region
 from lpvid.synthesis.design_grid import (
     check_back_off,
@@ -28,11 +29,13 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.polytope import MOVING, Polytope, affine_in, check_hull
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import KEPT, ShapedProblem, check_criteria, listed
+from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import moves
 from lpvid.synthesis.shaped_program import Shaped, SignalCoordinates
 
 P = TypeVar("P", bound="GainProblem")
+ROOMS = (2e-2, 5e-3, 5e-2)
+"""Shares of `MOVING` that a bound which is asked for leaves to the fit of a gain on a hull, the likeliest first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +185,29 @@ class GainDesign(ABC):
             With its verdict.
         """
 
-    @property
-    def kept(self) -> float:
-        """Factor up to which a verified figure may be above the promise: more where the gain is fitted on a hull."""
-        return KEPT if self.hull is None or self.lyapunov is None else 1 + MOVING[-1]
+    def settled(self, problem: GainProblem, fault: Fault | None) -> Synthesis:
+        """As `settle`; where the gain is fitted on a hull, a bound that is asked for leaves room for what that costs.
+
+        Parameters
+        ----------
+        problem : GainProblem
+        fault : Fault or None
+            Why there is nothing to solve.
+
+        Returns
+        -------
+        Synthesis
+        """
+        if self.hull is None or self.lyapunov is None:
+            return settle(problem, fault)
+        kept = 1 + MOVING[-1]
+        asked = fault is None and problem.plant.sample_time is None and any(c.bound for c in problem.criteria)
+        for room in ROOMS if asked else ():
+            criteria = tuple(c if c.bound is None else replace(c, bound=c.bound / (1 + room)) for c in problem.criteria)
+            found = settle(replace(problem, criteria=criteria, room=room), kept=kept)
+            if found.solved:
+                return found
+        return settle(problem, fault, kept=kept)
 
     def problem(self, kind: type[P], plant: GeneralizedPlant, beside: Sequence[str], polytope: Polytope | None = None,
                 **more: Any) -> P:

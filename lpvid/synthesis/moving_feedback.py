@@ -119,14 +119,15 @@ def lowest(moving: Sequence[Synthesis], constant: Synthesis) -> Synthesis:
     Returns
     -------
     Synthesis
-        One of them with a note; the first of `moving` where none gave a controller.
+        One of them with a note; where none gave a controller the first of `moving` that is not shown to be infeasible.
     """
     solved = [s for s in moving if s.gamma_verified is not None]
     best = min(solved, key=_verified, default=None)
     if best is None:
-        why = f"matrices that move gave no controller ({moving[0].verdict}: {moving[0].why})"
+        failed = next((s for s in moving if s.verdict != "infeasible"), moving[0])  # all of them, or it is not shown
+        why = f"matrices that move gave no controller ({failed.verdict}: {failed.why})"
         if not constant.solved:
-            return replace(moving[0], notes=(f"nor does a constant X and Y ({constant.verdict}): {constant.why}",))
+            return replace(failed, notes=(f"nor does a constant X and Y ({constant.verdict}): {constant.why}",))
         return replace(constant, notes=(f"X and Y are constants: {why}", *constant.notes))
     if not constant.solved:
         note = f"a constant X and Y gave no controller ({constant.verdict}: {constant.why})"

@@ -24,7 +24,7 @@ from lpvid.synthesis.multiobjective import MultiObjective
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import Values, listed, settle
+from lpvid.synthesis.shaped_design import Values, listed
 from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
@@ -81,7 +81,7 @@ class Observer(GainDesign):
         points = problem.points
         at = plant.at(points)
         reached = replace(at, B2=np.broadcast_to(np.eye(plant.order), at.A.shape))  # an observer moves nothing
-        return settle(problem, fault_of(plant, reached, points), kept=self.kept)
+        return self.settled(problem, fault_of(plant, reached, points))
 
     def _polytope(self, plant: GeneralizedPlant) -> Polytope | None:
         """The hull for a plant in which the error of the observer is affine."""

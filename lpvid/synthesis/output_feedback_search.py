@@ -35,6 +35,9 @@ from lpvid.synthesis.riccati import ROOM, central, least_gain
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA")
 STEPS = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """multiples of the design's back-off that are tried"""
+ROOMS = (1.0, 0.5, 0.25)
+"""Shares of the room between the least bound and a requested one that a formula takes: `MOVING` allows the proof up to
+5 % of its bound, which must fit below the request."""
 SOLVED = 0.12
 """share above the least bound of any route up to which a verified gain is "solved"; beyond it is "backed-off" """
 STIRRED = (1e-1, 1e-2, 1e-3)
@@ -189,7 +192,7 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
     rest = problem.solvers[1:]
     if found.verdict in ("numerical", "backed-off") and rest and not stopped() and available(rest):
         other = _refined(replace(problem, solvers=rest), wanted, back_off)
-        found = _better(found, other)
+        found = _better(found, other, wanted)
     return found
 
 
@@ -204,13 +207,16 @@ def _refined(problem: FeedbackProblem, wanted: float | None, back_off: float) ->
         problem = replace(problem, extra=np.vstack([problem.extra, points]))
 
 
-def _better(one: Synthesis, other: Synthesis) -> Synthesis:
-    """The lower verified gain, judged by the least bound of both; a proof that there is none goes before a failure."""
+def _better(one: Synthesis, other: Synthesis, wanted: float | None) -> Synthesis:
+    """The lower verified gain, judged by the least bound of both, or by the one asked for as it was; a proof that there
+    is none goes before a failure."""
     if one.controller is None and other.controller is None:
         return other if other.verdict == "infeasible" else one
     best = min((s for s in (one, other) if s.gamma_verified is not None), key=lambda s: s.gamma_verified or np.inf)
     least = min(s.infimum for s in (one, other) if s.infimum is not None)
     verified = best.gamma_verified or np.inf
+    if wanted is not None:
+        return replace(best, infimum=least)
     return replace(best, infimum=least, verdict="solved" if verified <= (1 + SOLVED) * least else "backed-off",
                    why=kept_near(verified, least))
 
@@ -253,7 +259,12 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
     target, note = _target(problem, projected, best)
     moderated = Moderated(projected, best, problem.solvers[:1], refused)
     rapid: Synthesis | None = None  # verified, with states that no sampled target can run
-    shares = [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]
+    over: Synthesis | None = None  # verified, above the bound that was asked for
+    moving = problem.polytope is not None and not problem.corners
+    if wanted is None:
+        shares = [step * back_off for step in STEPS]
+    else:  # on a polytope the fit of the controller costs some of the bound
+        shares = [part * (wanted / best.gamma - 1 - SLACK) for part in (ROOMS if moving else ROOMS[:1])]
     shares = list(dict.fromkeys(max(s, 0.0) for s in shares))
     for share, later in itertools.zip_longest(shares, shares[1:]):
         if rapid is not None and (share > SOLVED or stopped()):
@@ -264,7 +275,8 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             if len(missed):
                 return missed, best, moderated.bounds
             # a polynomial that misses this bound may keep that of the next step, by a formula with less room
-            most = None if problem.corners or problem.polytope is None or later is None else target * (1 + later)
+            most = (None if not moving else wanted if wanted is not None else
+                    None if later is None else target * (1 + later))
             try:
                 found = _written(problem, formula, most)
             except KeyboardInterrupt as error:  # what there is must be verified before it is returned
@@ -278,6 +290,9 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             found = replace(found, verdict="solved" if kept else "backed-off", infimum=min(best.gamma, verified),
                             solver=best.solver, method=problem.method, notes=(*note, *found.notes),
                             why=kept_near(verified, min(target, verified)))
+            if moving and wanted is not None and verified > wanted:
+                over = found if over is None or verified < (over.gamma_verified or np.inf) else over
+                break
             too_fast = kept and wanted is None and _rapid(problem, formula, found)
             if rapid is None and not too_fast:
                 return found
@@ -288,6 +303,9 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
             break
     if rapid is not None:
         return rapid
+    if over is not None:
+        return replace(over, verdict="backed-off", why=f"{over.why}; {wanted:.6g} was asked for",
+                       mend="ask for more, or raise points")
     verdict, why, mend = obstacle(problem.plant.plant, projected, on_hull=problem.polytope is not None)
     if verdict == "infeasible" or best.status == ROOMY:  # the bound was that of an answer which keeps no inequality
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)

@@ -56,6 +56,8 @@ class ShapedProblem(ABC):
     back_off : float
     polytope : Polytope, optional
         The scheduling set where that is no box.
+    room : float
+        Share by which the bounds of the criteria lie below those that were asked for.
     """
 
     plant: GeneralizedPlant
@@ -63,6 +65,7 @@ class ShapedProblem(ABC):
     regions: tuple[Region, ...]
     back_off: float
     polytope: Polytope | None = field(default=None, kw_only=True)
+    room: float = field(default=0.0, kw_only=True)
 
     @property
     def squared(self) -> bool:
@@ -284,7 +287,9 @@ def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = 
         return min(found, key=lambda s: s.gamma_verified if s.gamma_verified is not None else np.inf)
     seconds = time.perf_counter() - started
     if examined:
-        return Synthesis("numerical", why="no controller recovered from the solvers' answers keeps the loop stable",
+        lost = ("keeps the loop stable" if problem.polytope is None else
+                f"has a bound that is proven on {problem.polytope.text}")
+        return Synthesis("numerical", why=f"no controller recovered from the solvers' answers {lost}",
                          mend="scale the signals to similar size, or raise back_off", seconds=seconds,
                          method=problem.method)
     if answers is None and program.refuted() >= BEYOND:
@@ -359,7 +364,7 @@ def _by_steps(problem: ShapedProblem, polytope: Polytope, shaped: Shaped, contro
     values, figures = problem.storage_of(shaped), []
     for criterion, promised in zip(problem.criteria, shaped.promised, strict=True):
         part, text = channel(loop, *criterion.indices(problem.plant)), criterion.description(problem.plant)
-        limit = promised if criterion.bound is not None else most * promised
+        limit = promised * (1 + problem.room if criterion.bound is not None else most)
         own = None if values is None or problem.storage is None else moving_figure(
             text, part, promised, polytope, values, problem.storage, limit)
         if own is None and loop.is_discrete and affine_in(loop.basis):
@@ -400,8 +405,10 @@ def _stated(problem: ShapedProblem, shaped: Shaped, controller: LPVStateSpace, l
         return None
     bounded = _bounded(problem)
     main = HInfinity() if bounded is None else problem.criteria[bounded]
-    kept = all(f.verified <= most * f.promised for f in figures)
-    near = all(f.verified <= (f.promised if c.bound is not None else (1 + SOLVED) * low)
+    room = 1 + problem.room
+    kept = all(f.verified <= (most if c.bound is None else max(min(most, KEPT), room)) * f.promised
+               for f, c in zip(figures, problem.criteria, strict=True))
+    near = all(f.verified <= (room * f.promised if c.bound is not None else (1 + SOLVED) * low)
                for f, c, low in zip(figures, problem.criteria, shaped.lowest, strict=True))
     between = all(f.between_grid for f in (*figures, gain))
     return Synthesis(
@@ -409,7 +416,7 @@ def _stated(problem: ShapedProblem, shaped: Shaped, controller: LPVStateSpace, l
         gamma=None if bounded is None else gain.promised, gamma_verified=gain.verified, gamma_lower=gain.lower,
         controller=controller, closed_loop=channel(loop, *main.indices(problem.plant)), certificate=gain.certificate,
         why=("the closed loop keeps what the inequalities promised"
-             if all(f.verified <= KEPT * f.promised for f in figures) else
+             if all(f.verified <= KEPT * room * f.promised for f in figures) else
              "the closed loop was verified, but above the promise") + _beside(problem, shaped, figures),
         notes=(*map(str, figures), *notes, *_speed(controller)),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method,

@@ -24,7 +24,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import written
 from lpvid.synthesis.polytope import Polytope
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import Values, settle
+from lpvid.synthesis.shaped_design import Values
 from lpvid.synthesis.shaped_loop import ShapedLoop
 from lpvid.synthesis.shaped_program import Shaped, Shaping, size_and_condition
 
@@ -90,7 +90,7 @@ class StateFeedback(GainDesign):
         reading = state_reading(plant)
         polytope = None if self.hull is None else Polytope.full_order(self.hull, plant)
         problem = self.problem(_StateFeedbackProblem, plant, ("B2", "D12"), polytope, reading=reading)
-        return settle(problem, fault_of(plant, plant.at(problem.points), problem.points), kept=self.kept)
+        return self.settled(problem, fault_of(plant, plant.at(problem.points), problem.points))
 
 
 def state_reading(plant: GeneralizedPlant) -> np.ndarray:

@@ -339,3 +339,17 @@ def test_a_hull_of_slow_motion_is_larger_than_one_of_jumps():
     jumps, slow = lpv.largest_range(turning), lpv.largest_range(turning, rate=0.02)
     assert jumps.factor < 1 <= slow.factor and jumps.limit == "certificate"
     assert lpv.verify(slow.certificate, turning).holds
+
+
+def test_a_draw_that_is_not_decided_makes_no_exact_share(monkeypatch):
+    """A P that moves, on the triangle: without a budget its simplices decide nothing."""
+    turning = loop([np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))],
+                   hull=lpv.Hull.of(NAMES, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.1]])))
+    slow = lpv.certify_stability(turning, rate=0.02)
+    grows = loop([np.array([[0.5, 1], [-10, 0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))])
+    for model, share in ((turning, 1.0), (grows, 0.0)):
+        found = lpv.certified_share(slow, [model])
+        assert found.probability == share and found.exact
+    monkeypatch.setattr("lpvid.analysis.certified_margins.PATIENCE", 1)
+    undecided = lpv.certified_share(slow, [turning])
+    assert undecided.probability == 0.0 and not undecided.exact

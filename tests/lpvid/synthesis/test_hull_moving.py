@@ -12,6 +12,7 @@ import lpvid as lpv
 from lpvid.analysis.frozen_norms import h_infinity_norm
 from lpvid.model.designed import designed
 from lpvid.model.hull import KEY
+from lpvid.synthesis.moving_feedback import lowest
 
 NAMES = ("c", "s")
 TRIANGLE = np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]])
@@ -156,6 +157,33 @@ def test_a_gain_whose_matrix_moves(design, sample_time, rng):
     kept(found, rate, rng)
 
 
+@pytest.mark.parametrize("design", [lpv.StateFeedback, lpv.Observer])
+def test_a_bound_that_is_asked_for_leaves_room_for_the_fit(design):
+    """A tenth above the least bound: the program that takes all of it has no room for a gain that is fitted."""
+    plant = (measured if design is lpv.StateFeedback else turning)(0.5)
+    least = lpv.synthesize(plant, design(hull=HULL, lyapunov=MOVING, points=4)).infimum
+    found = lpv.synthesize(plant, design(lpv.HInfinity(bound=1.1 * least), hull=HULL, lyapunov=MOVING, points=4))
+    assert found.verdict == "solved" and found.gamma_verified <= 1.1 * least
+    assert lpv.verify(found.certificate, found.closed_loop).holds
+
+
+def test_output_feedback_that_is_solved_keeps_the_bound_that_was_asked_for():
+    """A tenth above the least bound: the formula of that bound is proven above it, one of half as much room below."""
+    design = lpv.OutputFeedback(hull=HULL, lyapunov=MOVING, varying="controls", points=4)
+    least = lpv.synthesize(turning(0.5), design).infimum
+    found = lpv.synthesize(turning(0.5), dataclasses.replace(design, bound=1.1 * least))
+    assert found.verdict == "solved" and found.gamma_verified <= 1.1 * least
+    assert lpv.verify(found.certificate, found.closed_loop).holds
+
+
+def test_of_two_sides_both_must_be_infeasible():
+    """What X cannot keep Y may keep: without a controller of Y that none exists is not shown."""
+    refused, lost = lpv.Synthesis("infeasible", why="least bound 2"), lpv.Synthesis("numerical", why="not written down")
+    for order in ((refused, lost), (lost, refused)):
+        assert lowest(order, refused).verdict == "numerical"
+    assert lowest((refused, refused), refused).verdict == "infeasible"
+
+
 @pytest.mark.seconds
 def test_faster_motion_costs_more_and_jumps_cost_what_constants_do():
     gains = [lpv.synthesize(measured(rate), lpv.StateFeedback(hull=HULL, lyapunov=MOVING)).gamma_verified
@@ -221,6 +249,11 @@ def test_a_certificate_without_a_polytope_does_not_hold():
                           (2 * TRIANGLE, "leaves its box")):
         outcome = lpv.verify(dataclasses.replace(held, vertices=vertices), found.closed_loop)
         assert not outcome.holds and why in outcome.why
+    smaller = dataclasses.replace(held, vertices=0.5 * TRIANGLE)
+    outcome = lpv.verify(smaller, found.closed_loop)  # true, of a smaller set than that of the design
+    assert outcome.holds and "3 of the 3 vertices of the design's hull lie outside of it" in outcome.why
+    assert "c in [-0.5, 0.5]" in smaller.claim and "c in [-1, 1]" in held.claim
+    assert "design's hull" not in lpv.verify(held, found.closed_loop).why
     faster = dataclasses.replace(held.box, rate=(20.0, 20.0))
     assert not lpv.verify(dataclasses.replace(held, box=faster), found.closed_loop).holds
 
