@@ -3,6 +3,7 @@
 from .causes import CAUSES as CAUSES
 from .causes import Cause as Cause
 from .causes import Effect as Effect
+from .causes import RigEffect as RigEffect
 from .causes import effect as effect
 from .damper import Motion as Motion
 from .damper import Response as Response

@@ -67,7 +67,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Effect(ReadOnlyState):
+class RigEffect(ReadOnlyState):
     """A cause switched on: `effect` makes one.
 
     Attributes
@@ -123,11 +123,13 @@ class Effect(ReadOnlyState):
         return find_cause(self.name).apply(setup, self.parameters, float(self.strength))  # type: ignore[arg-type]
 
 
+Effect = RigEffect
+"""the former name; `lpvid.diagnosis.effect.Effect` is another class"""
 _SIGNED = {"offset", "gain", "square", "cube"}
 _DIVISORS = {"stiffness", "limit", "period", "frequency", "capacity", "speed", "smoothing", "laminar", "turbulent"}
 
 
-def effect(name: str, strength: float = 1.0, **parameters: float | str) -> Effect:
+def effect(name: str, strength: float = 1.0, **parameters: float | str) -> RigEffect:
     """Switch a cause on.
 
     Parameters
@@ -141,7 +143,7 @@ def effect(name: str, strength: float = 1.0, **parameters: float | str) -> Effec
 
     Returns
     -------
-    Effect
+    RigEffect
 
     Raises
     ------
@@ -153,7 +155,7 @@ def effect(name: str, strength: float = 1.0, **parameters: float | str) -> Effec
     >>> effect("coil-lag", tau=0.03).parameters["tau"]
     0.03
     """
-    return Effect(name, strength, parameters)
+    return RigEffect(name, strength, parameters)
 
 
 def find_cause(name: str) -> Cause:

@@ -24,7 +24,7 @@ from lpvid.tables import (
     within,
 )
 from lpvid.toolkit import checks
-from quartercar.rig.causes import CAUSES, CHANNELS, Effect, find_cause
+from quartercar.rig.causes import CAUSES, CHANNELS, RigEffect, find_cause
 from quartercar.rig.damper import RigDamper
 from quartercar.rig.patterns import CURRENTS, EXPERIMENTS, MOTIONS, Experiment
 from quartercar.rig.sensors import Sensors
@@ -159,7 +159,7 @@ def _each(read: Callable[[object, str, int], Any]) -> dict[str, Any]:
     return {"read": listed}
 
 
-def _effect(table: object, where: str, index: int) -> Effect:
+def _effect(table: object, where: str, index: int) -> RigEffect:
     values = dict(expect_table(table, where))
     name = values.pop("name", None)
     if not isinstance(name, str):
@@ -169,7 +169,7 @@ def _effect(table: object, where: str, index: int) -> Effect:
     units = {n.name: n.unit for n in cause.numbers}
     words = {"channel": values.pop("channel")} if "channel" in values and "channel" in units else {}
     numbers = numbers_of(values, {**units, "strength": ""}, where, f"key of {where} ('{cause.name}'):")
-    return Effect(cause.name, strength, {**words, **numbers})
+    return RigEffect(cause.name, strength, {**words, **numbers})
 
 
 def _pattern(classes: tuple[type, ...]) -> dict[str, Any]:
@@ -219,7 +219,7 @@ class _PlanTable:
     oversampling: int = option(16, "integration steps per sample", at_least=1)
     damper: RigDamper = field(default_factory=RigDamper)
     sensors: Sensors = field(default_factory=Sensors)
-    effects: tuple[Effect, ...] = field(default=(), metadata=_each(_effect))
+    effects: tuple[RigEffect, ...] = field(default=(), metadata=_each(_effect))
     experiments: tuple[Experiment, ...] = field(default=(), metadata=_each(_experiment))
 
 

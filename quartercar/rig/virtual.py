@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 from lpvid.toolkit import checks
-from quartercar.rig.causes import Effect
+from quartercar.rig.causes import RigEffect
 from quartercar.rig.damper import Motion, RigDamper, respond
 from quartercar.rig.patterns import EXPERIMENTS, Experiment
 from quartercar.rig.sensors import Sensors, measure
@@ -40,7 +40,7 @@ class Rig:
     ----------
     damper : RigDamper
     sensors : Sensors
-    effects : tuple of Effect
+    effects : tuple of RigEffect
         Causes switched on (`effect`); none by default.
     sample_rate : float
         Rate of the records [Hz].
@@ -57,7 +57,7 @@ class Rig:
 
     damper: RigDamper = field(default_factory=RigDamper)
     sensors: Sensors = field(default_factory=Sensors)
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[RigEffect, ...] = ()
     sample_rate: float = 512.0
     oversampling: int = 16
 
@@ -66,7 +66,7 @@ class Rig:
         checks.count(self.oversampling, "oversampling", at_least=1)
         object.__setattr__(self, "effects", tuple(self.effects))
         for item in self.effects:
-            if not isinstance(item, Effect):
+            if not isinstance(item, RigEffect):
                 raise InputError("effects of a rig must be made by effect(name, …)", got=repr(item))
 
     def setup(self) -> Setup:

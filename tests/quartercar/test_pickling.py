@@ -10,7 +10,7 @@ import pytest
 
 import quartercar as qc
 from lpvid.errors import InputError
-from quartercar.rig.causes import Effect
+from quartercar.rig.causes import RigEffect
 from quartercar.roads.ride_roads import IsoRoad
 
 
@@ -29,7 +29,7 @@ def test_a_car_with_its_damper_comes_back(again):
 def test_laws_and_causes_come_back():
     law = pickle.loads(pickle.dumps(qc.controllers.Skyhook(values={"high_damping": 3000.0})))
     assert law.values["high_damping"] == 3000.0
-    effect = Effect("coulomb-friction", 0.5)
+    effect = RigEffect("coulomb-friction", 0.5)
     assert pickle.loads(pickle.dumps(effect)) == effect
 
 

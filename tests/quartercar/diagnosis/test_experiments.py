@@ -22,6 +22,7 @@ from quartercar.rig import (
     Experiment,
     Rig,
     RigDamper,
+    RigEffect,
     Road,
     Sensors,
     Triangle,
@@ -29,7 +30,6 @@ from quartercar.rig import (
     parse_plan,
     run_plan,
 )
-from quartercar.rig import Effect as RigEffect
 
 MUST_BE_TOLD = [  # diagnosis.md, section 3, last paragraph
     ("coil-lag", "command-delay"), ("coil-lag", "force-delay"), ("command-delay", "force-delay"),
