@@ -62,9 +62,13 @@ def test_a_process_that_dies_takes_only_its_item_with_it() -> None:
     (importable.unreadable_error, "TwoParts: 1 of 2"), (importable.unwritable, "the result cannot be sent: too deep"),
     (importable.killed_amid_its_answer, "its process died")])
 def test_what_cannot_be_received_is_one_item_lost(function: Callable[[int], object], stated: str) -> None:
-    """The worker goes on, or another does: the lane that waits for it does not end with the item."""
+    """The worker goes on, or another does: the lane that waits for it does not end with the item.
+
+    Where Dask was imported (tblib), an exception can be sent whatever its `__init__` takes, and needs no name in front.
+    """
     found = in_processes(function, [0, 1, 2, 3], workers=1, budget=900.0)
-    assert [d.value for d in found] == [0, None, 2, 3] and str(found[1].error) == stated
+    assert [d.value for d in found] == [0, None, 2, 3]
+    assert str(found[1].error) in (stated, stated.removeprefix("TwoParts: "))
     assert not any(d.stopped for d in found)
 
 
