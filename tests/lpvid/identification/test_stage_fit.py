@@ -220,7 +220,7 @@ def test_fitted_stages_are_stated_with_units(rng: np.random.Generator) -> None:
     for structure in (ARX(na=1, nb=1, basis=P1, stage="tanh", schedule_filter="lag"),
                       OutputError(na=1, nb=1, basis=P1, stage="tanh", schedule_filter="lag")):
         stated, = (n for n in identify(record, structure).notes if "input stage tanh" in n)
-        assert "v0 0.1 m/s, slope 0.05 (m/s)/(A)" in stated and " s" in stated.split("tau_rise")[1]
+        assert "v0 0.1 m/s, slope 0.05 (m/s)/A" in stated and " s" in stated.split("tau_rise")[1]
 
 
 def test_a_knee_beyond_the_data_is_bounded_and_called_not_identifiable(rng: np.random.Generator) -> None:
