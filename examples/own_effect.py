@@ -9,7 +9,7 @@ import numpy as np
 
 import lpvid as lpv
 import quartercar as qc
-from lpvid.diagnosis.effect import EffectParameter, GridEffect
+from lpvid.effects import EffectParameter, GridEffect
 from lpvid.plot import show
 from lpvid.plot.style import panels
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper

@@ -41,12 +41,12 @@ from .analysis.uncertainty import pole_band as pole_band
 from .analysis.uncertainty import stability_probability as stability_probability
 from .auditing import Audit as Audit
 from .auditing import audit as audit
-from .diagnosis.baseline import Baseline as Baseline
+from .baselines.baseline import Baseline as Baseline
 from .diagnosis.diagnosis import Diagnosis as Diagnosis
-from .diagnosis.effect import Effect as Effect
-from .diagnosis.extended import ExtendedModel as ExtendedModel
 from .diagnosis.facade import diagnose as diagnose
 from .diagnosis.settings import DiagnosisSettings as DiagnosisSettings
+from .effects.effect import Effect as Effect
+from .effects.extended import ExtendedModel as ExtendedModel
 from .errors import ExtrapolationWarning as ExtrapolationWarning
 from .errors import InputError as InputError
 from .errors import LpvError as LpvError

@@ -21,7 +21,7 @@ SUBJECTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "identification": ("Identification and validation", ("identification", "validation")),
     "analysis": ("Stability, gain and passivity", ("analysis", "lmi")),
     "synthesis": ("Plants and synthesis", ("synthesis",)),
-    "diagnosis": ("Diagnosis", ("diagnosis",)),
+    "diagnosis": ("Diagnosis", ("diagnosis", "effects", "baselines")),
     "export": ("Files and exports", ("export",)),
 }
 """Page of the reference, its title, and the subpackages of `lpvid` whose public names stand on it."""

@@ -14,7 +14,7 @@ from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
 if TYPE_CHECKING:
     from lpvid.diagnosis.diagnosis import Diagnosis
     from lpvid.diagnosis.facade import DiagnosisTask
-    from lpvid.diagnosis.lpv_extension import LpvExtension
+    from lpvid.effects.lpv_extension import LpvExtension
     from lpvid.record import Record
 
 PLAN, LPV_MODEL = "experiment.toml", "extended_lpv.json"
@@ -88,7 +88,7 @@ def diagnose(
 
 def _starting_point(text: str) -> tuple[Any, bool]:
     """A name as it is, or the model in a file."""
-    from lpvid.diagnosis.facade import is_file
+    from lpvid.effects.given import is_file
 
     if not is_file(text):
         return text, False
@@ -110,7 +110,7 @@ def _with_parts(record: Record, model: Any, named: dict[str, tuple[str, ...]]) -
 
 def _lpv_extension(found: Diagnosis, task: DiagnosisTask) -> LpvExtension | None:
     """The named causes in an LPV model, where there are some and the records allow one."""
-    from lpvid.diagnosis.lpv_extension import common_structure, measured_extension
+    from lpvid.effects.lpv_extension import common_structure, measured_extension
     from lpvid.errors import InputError
 
     names = {c.name for c in found.causes}

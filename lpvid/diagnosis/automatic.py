@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid._threads import single_thread
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.named import factories
 from lpvid.diagnosis.budgets import LISTED
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.diagnosis import gain_percent
 from lpvid.diagnosis.evidence.effective_samples import effective_samples
 from lpvid.diagnosis.folds import out_of_fold
 from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
-from lpvid.diagnosis.registry import factories
+from lpvid.effects.composition import Composition
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.rounding import TINY
+from lpvid.validation.figures import gain_percent
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.scaling import Scales
 from lpvid.errors import InputError
 
 LONGEST, SHORTEST = 2.0, 0.4

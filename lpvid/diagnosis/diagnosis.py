@@ -10,29 +10,14 @@ from typing import TYPE_CHECKING, Any
 from lpvid._shown import Shown
 from lpvid.codec import UNWRITTEN, Encoded
 from lpvid.diagnosis.localise import ErrorRegime
+from lpvid.validation.figures import gain_percent
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
     from lpvid.diagnosis.evidence.calibration import Support
-    from lpvid.diagnosis.extended import ExtendedModel
+    from lpvid.effects.extended import ExtendedModel
 
 VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain", "cannot-tell")
-
-
-def gain_percent(before: float, after: float) -> float:
-    """Reduction of a squared error [%].
-
-    Parameters
-    ----------
-    before, after : float
-        In one unit; `before` above zero.
-
-    Returns
-    -------
-    float
-        Negative where the error is larger.
-    """
-    return 100.0 * (1.0 - after / before)
 
 
 @dataclass(frozen=True)

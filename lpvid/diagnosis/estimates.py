@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Errors, Estimated
-from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
+from lpvid.effects.effect import Effect, EffectParameter
 from lpvid.record import Record
 from lpvid.rounding import TINY
 

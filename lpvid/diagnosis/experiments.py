@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lpvid.diagnosis.diagnosis import Diagnosis
+from lpvid.entry_points import loaded
 from lpvid.errors import InputError
 
 GROUP = "lpvid.experiments"
@@ -64,8 +65,6 @@ def proposed(found: Diagnosis) -> ExperimentProposal | None:
     InputError
         An entry point of the group that is no function.
     """
-    from lpvid.diagnosis.registry import loaded
-
     for name, planner in loaded(GROUP):
         if not callable(planner):
             raise InputError(f"the entry point '{name}' of {GROUP} is no function", got=type(planner).__name__,

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from gc import collect
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lpvid._forks import in_forks
 from lpvid._memory import give_back
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.budgets import LONG
+from lpvid.baselines.signals import ROLES
 from lpvid.condition.preparing import with_current
 from lpvid.condition.segmentation import refuse_text
 from lpvid.condition.tables import as_records
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.budgets import LONG
-from lpvid.diagnosis.composition import ComposedBaseline
+from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.preparing import ROLES, PreparedRecords, prepare
+from lpvid.diagnosis.preparing import PreparedRecords, prepare
+from lpvid.effects.composition import ComposedBaseline
+from lpvid.effects.effect import Effect
+from lpvid.effects.given import as_baseline, as_effects, by_roles, channels_of, opened, rate_of
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.training_fingerprint import of_files, recalled
@@ -30,8 +31,8 @@ from lpvid.training_rows import PARTLY, TRAINING, TrainingRows, compared_rows
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
-    from lpvid.diagnosis.extended import ExtendedModel
     from lpvid.diagnosis.settings import DiagnosisSettings
+    from lpvid.effects.extended import ExtendedModel
 
 Progress = Callable[[str], None]
 AUTO = "auto"
@@ -140,19 +141,14 @@ def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: A
         or a motion that is constant throughout.
     """
     training, kept = _listed(records), _listed(held_out)
-    effects = _catalogue(catalogue)
-    given = baseline
-    if isinstance(baseline, (str, os.PathLike)) and is_file(baseline):
-        from lpvid.export.serialise import load
-
-        given = load(baseline)
+    effects, given = as_effects(catalogue), opened(baseline)
     if parameters is not None and not isinstance(given, str):
         raise InputError("parameters belong to a baseline that is given by name", got=type(given).__name__,
                          mend="leave them out, a model file holds its own")
     training, kept = (recalled(part, getattr(given, "metadata", {})) for part in (training, kept))
-    given = _by_roles(given)
-    needed = given.channels if isinstance(given, Baseline) else _channels(given)
-    prepared = prepare(training, kept, effects, needed, sample_rate or _own_rate(given, [*training, *kept]))
+    given = by_roles(given)
+    rate = sample_rate or rate_of(given, [*training, *kept])
+    prepared = prepare(training, kept, effects, channels_of(given), rate)
     if given == AUTO:
         from lpvid.diagnosis.automatic import automatic
 
@@ -163,7 +159,7 @@ def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: A
         prepared = replace(prepared, notes=(note, *prepared.notes))
     else:
         try:
-            found = _baseline(given, prepared.training, parameters)
+            found = as_baseline(given, prepared.training, parameters)
         except InputError:  # text may be why a channel is not there
             refuse_text([*training, *kept], ROLES)
             raise
@@ -244,7 +240,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
         collect()
         give_back()
     extended = None if found.extended is None else _with_roles(
-        found.extended.remembering(prepared.training, _training_rows(task)), task)
+        found.extended.remembering(prepared.training, _training_rows(task), SEARCH_SAMPLES), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
     notes += _seen_rows(task)
     return replace(_with_channel_names(found, task.raw), audit=audited or audit_raw(), notes=(*found.notes, *notes),
@@ -270,43 +266,6 @@ def _listed(records: Record | Sequence[Record] | None) -> list[Record]:
     return [] if records is None else as_records(records)
 
 
-def is_file(text: str | os.PathLike) -> bool:
-    """Whether a baseline is given as a file rather than by name.
-
-    Parameters
-    ----------
-    text : str or path
-
-    Returns
-    -------
-    bool
-        True for a path object, for a text that ends in ``.json`` or holds a separator of folders, and for the name of a
-        file that exists.
-    """
-    return not isinstance(text, str) or text.endswith(".json") or os.sep in text or Path(text).is_file()
-
-
-def _catalogue(given: Any) -> tuple[Effect, ...]:
-    from lpvid.diagnosis.registry import catalogue
-
-    if given is None:
-        return catalogue()
-    listed: list[Any] = [given] if isinstance(given, (str, Effect)) else list(given)
-    effects = [x for x in listed if isinstance(x, Effect)]
-    names = [x for x in listed if isinstance(x, str)]
-    if len(effects) + len(names) < len(listed) or (effects and names):
-        raise InputError("a catalogue is a sequence of effects, or names of installed catalogues",
-                         got=", ".join(sorted({type(x).__name__ for x in listed})))
-    return catalogue(names) if names else tuple(effects)
-
-
-def _channels(model: Any) -> tuple[str, ...]:
-    """Channels that a model of lpvid requires; none for a baseline given by name, which is created later."""
-    if not all(hasattr(model, n) for n in ("inputs", "outputs", "box")):
-        return ()
-    return (*(s.name for s in model.inputs), *model.box.names, *(s.name for s in model.outputs))
-
-
 def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     """The extended model with, in its metadata, the channel of the files for each of its roles."""
     raw = with_current(task.raw)[0]
@@ -329,59 +288,6 @@ def _seen_rows(task: DiagnosisTask) -> tuple[str, ...]:
     known = TrainingRows.of(_training_rows(task) or task.prepared.training, output).to_dict()
     label, notes = compared_rows({"training": {"rows": known}}, apart, task.prepared.held_out, output).labelled()
     return notes if label in (TRAINING, PARTLY) else ()
-
-
-def _by_roles(model: Any) -> Any:
-    """A model whose signals have the names of their roles in training, by which effects find them."""
-    stated = getattr(model, "metadata", {}).get("roles", {})
-    names = _channels(model)
-    known = [r for r in ROLES if r in stated and r not in names]
-    others = {n: r for r in known for n in names if n not in ROLES and stated.get(n, n) == stated[r]}
-    if not others or not isinstance(stated, Mapping) or not hasattr(model, "to_dict"):
-        return model
-    from lpvid.export.renaming import renamed
-
-    return renamed(model, others)
-
-
-def _own_rate(model: Any, records: Sequence[Record]) -> float | None:
-    """Rate of a sampled model where that of the records differs; None where it does not."""
-    from lpvid.condition.segmentation import RATE_TOLERANCE
-
-    period = model.clock if isinstance(model, Baseline) else getattr(model, "sample_time", None)
-    if period is None or isinstance(model, str):
-        return None
-    foreign = any(not r.time_base.steady or abs(r.time_base.period / period - 1) > RATE_TOLERANCE for r in records)
-    return 1.0 / period if foreign else None
-
-
-def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baseline:
-    from lpvid.diagnosis import registry
-    from lpvid.diagnosis.extended import ExtendedModel
-    from lpvid.model.adaptable import Adaptable
-    from lpvid.model.quasi import SelfScheduled
-    from lpvid.model.state_space import LPVStateSpace
-    from lpvid.model.transfer_function import LPVTransferFunction
-
-    if isinstance(given, Baseline):
-        return given
-    if isinstance(given, str):
-        return registry.named_baseline(given, records, parameters)
-    if isinstance(given, ExtendedModel):
-        from lpvid.diagnosis.extended_baseline import ExtendedBaseline
-
-        return ExtendedBaseline(given)
-    if isinstance(given, (LPVTransferFunction, LPVStateSpace, SelfScheduled)):
-        from lpvid.diagnosis.lpv_baseline import LpvBaseline
-
-        return LpvBaseline(given)
-    name = getattr(given, "name", None)
-    if isinstance(name, str) and name in registry.factories():
-        return registry.named_baseline(name, records, given)
-    if isinstance(given, Adaptable) and given.period is not None:
-        return _baseline(given.to_model(given.period), records, parameters)
-    raise InputError("this is no baseline", got=type(given).__name__,
-                     mend="name one, or give a saved damper, transfer function, state space or extended model")
 
 
 def _polarity_note(baseline: Baseline) -> list[str]:

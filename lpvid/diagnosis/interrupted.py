@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.composition import Composition
+from lpvid.baselines.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Diagnosis, Errors, SetProbabilities
-from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.preparing import PreparedRecords
 from lpvid.diagnosis.problem import DiagnosisProblem, problem_of
+from lpvid.effects.composition import Composition
+from lpvid.effects.extended import ExtendedModel
 from lpvid.rounding import TINY
 
 

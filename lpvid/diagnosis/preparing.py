@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lpvid import _checks
+from lpvid.baselines.signals import ROLES
 from lpvid.condition import segments
 from lpvid.condition.band_limited import quiet_pieces
 from lpvid.condition.preparing import decimation, losses, one_clock, with_current, with_motion
 from lpvid.condition.segmentation import refuse_text
-from lpvid.diagnosis.effect import Effect
+from lpvid.effects.effect import Effect
 from lpvid.errors import InputError, TooFewSamples
 from lpvid.record import Record
 
-ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "force", "road", "unsprung", "sprung",
-         "actuator")
-"""roles that baselines and effects look for, where a baseline does not name its own"""
 SHORTEST = 50
 """samples of a piece at least"""
 

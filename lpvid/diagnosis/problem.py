@@ -11,10 +11,10 @@ import numpy as np
 
 from lpvid._memory import give_back
 from lpvid._tall import ROWS
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Signals, in_turn
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.signals import Signals, in_turn
+from lpvid.effects.composition import Composition
 from lpvid.record import Record
 from lpvid.rounding import EXPLODED, HALF_DIGITS
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from lpvid._memory import give_back
 from lpvid._tall import column_norms
-from lpvid.diagnosis.budgets import ITERATIONS, LONG
-from lpvid.diagnosis.composition import Composition
+from lpvid.baselines.budgets import LONG
+from lpvid.diagnosis.budgets import ITERATIONS
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.trial_steps import step_by_trial, trial_parameters
+from lpvid.effects.composition import Composition
 from lpvid.least_squares import bounded_least_squares
 from lpvid.rounding import EPS, EXPLODED, HALF_DIGITS, STEP, TINY, VANISHING
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.diagnosis.signals import Signals
 from lpvid.rounding import EPS, HALF_DIGITS, TINY
 
 LAGS = (2, 6, 16)

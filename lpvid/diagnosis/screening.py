@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.budgets import SIGN_PATTERNS
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from lpvid.rounding import EPS, STEP, TINY
 
 DETECTABLE_RATIO = 10.0

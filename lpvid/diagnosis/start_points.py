@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.budgets import MOST_STARTS
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.screening import Direction
+from lpvid.effects.effect import Effect
 
 LEAST_GAIN_SHARE = 0.6
 """least gain of a start point as a share of the largest"""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid._tall import column_norms, least_squares_overwriting
-from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.effects.composition import Composition
 from lpvid.rounding import HALF_DIGITS, STEP, VANISHING
 
 SAMPLE_STEPS = (5.0, 1.0)

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lpvid.codec import MissingKey, UnknownKind
+from lpvid.entry_points import loaded
 from lpvid.errors import InputError
 from lpvid.export.json_files import jsonable, write_json, write_text
 from lpvid.named_classes import NamedClasses
@@ -132,8 +133,8 @@ KINDS: tuple[Kind, ...] = (
     Kind("stability-certificate", 1, tuple(
         (kind, "lpvid.analysis.stability_certificate", "StabilityCertificate")
         for kind in ("quadratic", "poly-quadratic", "parameter-dependent", "none"))),
-    Kind("extended", 1, (("", "lpvid.diagnosis.extended", "ExtendedModel"),)),
-    Kind("fleet-law", 1, (("fleet", "lpvid.diagnosis.fleet_law", "FleetLaw"),)),
+    Kind("extended", 1, (("", "lpvid.effects.extended", "ExtendedModel"),)),
+    Kind("fleet-law", 1, (("fleet", "lpvid.effects.fleet_law", "FleetLaw"),)),
     Kind("synthesis", 1, (("", "lpvid.synthesis.result", "Synthesis"),)),
 )
 """Every sort of file of lpvid's own that `save` writes and `load` reads, in order; a new noun adds its line here."""
@@ -175,17 +176,10 @@ def installed(group: str, cls: type[T]) -> list[T]:
     InputError
         An entry point that does not load, or is something else.
     """
-    from importlib.metadata import entry_points
-
     found = []
-    for point in sorted(entry_points(group=group), key=lambda p: (p.name, p.value)):
-        try:
-            made = point.load()
-        except Exception as error:  # whatever a foreign module raises when it is imported
-            raise InputError(f"the entry point '{point.name}' of {group} does not load", why=_one_line(error),
-                             mend="update or remove the package that names it") from None
+    for name, made in loaded(group):
         if not isinstance(made, cls):
-            raise InputError(f"the entry point '{point.name}' of {group} is no {cls.__name__}",
+            raise InputError(f"the entry point '{name}' of {group} is no {cls.__name__}",
                              got=type(made).__name__, mend="update or remove the package that names it")
         found.append(made)
     return found

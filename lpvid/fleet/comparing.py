@@ -34,7 +34,7 @@ def diagnosed(plan: FleetPlan, model: Path, version: str, named: Sequence[Job], 
        causes that the fleet shares.
     2. Its numbers are refitted along each of up to twenty healthy files: the spread between specimens.
     3. A file that differs is diagnosed against that law, whose numbers stay within this spread. A cause that the fleet
-       has is a cause of the file where its strength does not (`diagnosis.fleet_law.FleetLaw`).
+       has is a cause of the file where its strength does not (`effects.fleet_law.FleetLaw`).
     4. The strengths of its causes are refitted in healthy files: one that lies within their spread is the fleet's.
 
     Parameters
@@ -99,7 +99,7 @@ def shared_law(plan: FleetPlan, model: Path, version: str, some: Sequence[Job], 
         What the last diagnosis that did not work states.
     """
     from lpvid.diagnosis.facade import AUTO
-    from lpvid.diagnosis.fleet_law import FleetLaw
+    from lpvid.effects.fleet_law import FleetLaw
     from lpvid.export.serialise import load, save
 
     begun = [plan.baseline] if plan.baseline else [AUTO, str(model)]
@@ -142,7 +142,7 @@ def stated_strength(strengths: Mapping[str, Any]) -> str:
     Parameters
     ----------
     strengths : mapping
-        ``names``, ``units``, ``here``, ``healthy`` as `diagnosis.fleet_law.strengths` gives them.
+        ``names``, ``units``, ``here``, ``healthy`` as `strengths.strengths` gives them.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def shared_causes(found: Mapping[str, Mapping[str, Any]], fdr: float) -> tuple[s
 
 def _bounded(law: Path, specimens: Sequence[Sequence[float]]) -> Path:
     """The law within the spread of specimens, as a file; free where they are too few for a spread."""
-    from lpvid.diagnosis.fleet_law import FleetLaw
+    from lpvid.effects.fleet_law import FleetLaw
     from lpvid.export.serialise import load, save
 
     if len(specimens) < FEWEST:

@@ -242,8 +242,8 @@ def specimen(job: Job, plan: FleetPlan, law: Path, tag: str) -> StepOutcome:
     """
 
     def work() -> str:
-        from lpvid.diagnosis.fleet_law import refitted
         from lpvid.export.serialise import load
+        from lpvid.fleet.strengths import refitted
 
         return json.dumps(refitted(load(law), _whole(job, plan)).tolist())
 
@@ -263,12 +263,12 @@ def compare(job: Job, plan: FleetPlan, healthy: Sequence[Job], tag: str) -> Step
     Returns
     -------
     StepOutcome
-        Its message holds them as JSON (`diagnosis.fleet_law.strengths`).
+        Its message holds them as JSON (`strengths.strengths`).
     """
 
     def work() -> str:
-        from lpvid.diagnosis.fleet_law import strengths
         from lpvid.export.serialise import load
+        from lpvid.fleet.strengths import strengths
 
         extended = load(job.folder / "diagnosis" / "extended_model.json")
         found = strengths(extended, [_whole(j, plan) for j in healthy]) if extended.effects else {}

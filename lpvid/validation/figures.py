@@ -10,6 +10,22 @@ from lpvid.codec import Encoded
 from lpvid.simulation import Simulation
 
 
+def gain_percent(before: float, after: float) -> float:
+    """Reduction of a squared error [%].
+
+    Parameters
+    ----------
+    before, after : float
+        In one unit; `before` above zero.
+
+    Returns
+    -------
+    float
+        Negative where the error is larger.
+    """
+    return 100.0 * (1.0 - after / before)
+
+
 @dataclass(frozen=True)
 class Figures:
     """Error of one kind of run over some samples.

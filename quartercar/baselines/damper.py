@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline, Coefficient
-from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import derivative
+from lpvid.baselines.baseline import Baseline, Coefficient
+from lpvid.baselines.signals import Core, Signals
+from lpvid.baselines.spectra import derivative
 from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.registry import Factory
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.named import Factory
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.toolkit import checks
@@ -74,7 +74,7 @@ def _baseline(damper: Damper) -> Baseline:
         from quartercar.baselines.damper import DamperBaseline
 
         return DamperBaseline(damper)
-    from lpvid.diagnosis.lpv_baseline import LpvBaseline
+    from lpvid.baselines.lpv_baseline import LpvBaseline
     from quartercar.dampers.blackbox.sampled import SampledDamper
 
     if isinstance(damper, SampledDamper):

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.baselines.baseline import Baseline, Coefficient
+from lpvid.baselines.signals import Core, Signals
 from lpvid.codec import ADDED, Coded
-from lpvid.diagnosis.baseline import Baseline, Coefficient
-from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
 from lpvid.identification.covariance import clusters
 from lpvid.least_squares import FunctionResiduals, StopRule, minimise_dense

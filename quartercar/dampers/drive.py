@@ -53,8 +53,8 @@ class Drive:
         """(n,) rate of change of the velocity [m/s²]; where it is not given, without the noise beyond its band."""
         if self.rate is not None:
             return self.rate
-        from lpvid.diagnosis.signals import Signals
-        from lpvid.diagnosis.spectra import derivative
+        from lpvid.baselines.signals import Signals
+        from lpvid.baselines.spectra import derivative
 
         return derivative(Signals(self.sample_time, {"velocity": self.velocity}, self.velocity), "velocity")
 

@@ -75,7 +75,7 @@ def _damper_of(found: Any, path: Path) -> Damper:
     if getattr(found, "demands", None) is not None or role_of(found):
         raise InputError(f"'{path}' holds a {role_of(found) or 'controller'}, no damper", got=what,
                          mend=f"{MEND}; a controller goes to --controller")
-    from lpvid.diagnosis.extended import ExtendedModel
+    from lpvid.effects.extended import ExtendedModel
 
     if isinstance(found, ExtendedModel):
         raise InputError(f"'{path}' holds a law with causes added to it, which a car cannot step", got=what,

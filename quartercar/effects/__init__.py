@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lpvid.diagnosis.effect import Effect
+from lpvid.effects.effect import Effect
 from quartercar.effects.car import ActuatorDelay, Payload, StrutFriction, TyreDamping, TyreStiffness
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.controlled_force import CurrentDependence

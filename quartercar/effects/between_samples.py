@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import weighed_alike
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import weighed_alike
 from quartercar.effects.electrical import clocked
 from quartercar.effects.splines import spline_resampled
 

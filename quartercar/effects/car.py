@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
 from quartercar.baselines.quarter_car import QuarterCarBaseline
 from quartercar.effects.sensors import SMALL
 from quartercar.vehicle.strut_friction import CarCore

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
 from lpvid.condition.derivation import REVERSAL
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.effects.effect import SPREAD, Effect, EffectParameter, LpvChange
 from quartercar.effects.electrical import is_constant
 from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import SLOW

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 
 EDGE = 0.02
 """least distance of a corner from the samples beside it, as a share of the time between them"""

@@ -8,9 +8,9 @@ from statistics import NormalDist
 
 import numpy as np
 
+from lpvid.baselines.signals import Signals
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.constancy import DISTINCT
-from lpvid.diagnosis.signals import Signals
 from quartercar.effects.second_order import step_response
 
 STEP = 0.01

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.constancy import DISTINCT, constant
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.effects.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
 from quartercar.effects.current_edges import SPACING, edges_of, is_sharp
 
 SEEN_AFTER = 0.03

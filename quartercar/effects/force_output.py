@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
 
 SAME_FORM = 0.05
 """share of a range, or difference of a share or an exponent from 1, within which the form of one effect is another's"""

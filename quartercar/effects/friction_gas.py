@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
 from lpvid.condition.derivation import REVERSAL
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
 from quartercar.effects.force_output import no_force
 
 FRICTION = EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,))

@@ -9,9 +9,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import Effect, EffectParameter, LpvChange
 from lpvid.rounding import TINY
 from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.resonances import natural_frequencies

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import EffectParameter, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import EffectParameter, LpvChange
 from quartercar.effects.friction_gas import NIL, ParallelForce
 
 

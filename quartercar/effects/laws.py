@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
 from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import CoulombFriction, ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect

@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.auditing.resting import ENOUGH, FLAT
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.baselines.spectra import SHORT, before_filter, weighed_alike
+from lpvid.effects.effect import Effect, EffectParameter, GridEffect, LpvChange
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
 from quartercar.effects.force_output import no_force
 from quartercar.effects.splines import spline_shifted

@@ -7,10 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.budgets import MOST_POINTS
-from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import MOST_POINTS, Effect, EffectParameter, GridEffect, LpvChange
 from quartercar.effects.electrical import NO_BEND, CurrentEffect, along_current
 from quartercar.effects.force_output import no_force
 from quartercar.effects.structure import resonance_filtered

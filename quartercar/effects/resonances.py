@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 
 
 def natural_frequencies(count: int, bounds: tuple[float, float], signals: tuple[Signals, ...],

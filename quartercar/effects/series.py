@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Linearised, Remembered, Signals
 from quartercar.effects.series_march import Elements, SeriesMarch
 from quartercar.effects.series_tangent import near
 

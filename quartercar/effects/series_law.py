@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.baselines.budgets import LONG
+from lpvid.baselines.signals import Core, Signals
 from lpvid.condition.constancy import DISTINCT
-from lpvid.diagnosis.budgets import LONG
-from lpvid.diagnosis.signals import Core, Signals
 from lpvid.rounding import EPS, HALF_DIGITS, TINY
 from quartercar.effects.electrical import held
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Core, Remembered, Signals
+from lpvid.baselines.signals import Core, Remembered, Signals
 from lpvid.rounding import EXPLODED
 from lpvid.toolkit import checks
 from quartercar.effects.corners import corners

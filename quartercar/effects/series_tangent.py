@@ -8,8 +8,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from lpvid.diagnosis.budgets import REPLACED
-from lpvid.diagnosis.signals import Core, Remembered, Signals
+from lpvid.baselines.budgets import REPLACED
+from lpvid.baselines.signals import Core, Remembered, Signals
 from lpvid.toolkit import found_once
 from quartercar.effects.series_law import SAME, SEEN, Law, force_at_rest, with_memory
 from quartercar.effects.series_march import SeriesMarch

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import EffectParameter, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed, weighed_alike
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.baselines.spectra import SHORT, before_filter, low_passed, weighed_alike
+from lpvid.effects.effect import EffectParameter, LpvChange
 from quartercar.effects.between_samples import times_as_fast
 from quartercar.effects.current_edges import LEAST_DAMPED, Edges, current_before, edges_of, is_sharp
 from quartercar.effects.measurement import ChainEffect

@@ -9,10 +9,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import SHORT, derivative
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core, Signals
+from lpvid.baselines.spectra import SHORT, derivative
+from lpvid.effects.effect import Effect, EffectParameter, GridEffect, LpvChange
 from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, clocked
 from quartercar.effects.force_output import SAME_FORM, no_force

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.budgets import REPLACED
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.budgets import REPLACED
+from lpvid.baselines.signals import Core, Signals
 from lpvid.rounding import TINY
 from lpvid.toolkit import found_once
 

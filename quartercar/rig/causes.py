@@ -124,7 +124,7 @@ class RigEffect(ReadOnlyState):
 
 
 Effect = RigEffect
-"""the former name; `lpvid.diagnosis.effect.Effect` is another class"""
+"""the former name; `lpvid.effects.effect.Effect` is another class"""
 _SIGNED = {"offset", "gain", "square", "cube"}
 _DIVISORS = {"stiffness", "limit", "period", "frequency", "capacity", "speed", "smoothing", "laminar", "turbulent"}
 

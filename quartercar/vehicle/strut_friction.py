@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.linear import LinearCar
 

@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-FOLDERS = ("lpvid/diagnosis", "quartercar/effects")
+FOLDERS = ("lpvid/diagnosis", "lpvid/effects", "lpvid/baselines", "quartercar/effects")
 FORMULA = {0, 1, 2, 3, 4, 0.5}
 
 

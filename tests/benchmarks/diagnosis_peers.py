@@ -34,9 +34,9 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import lpvid as lpv
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.facade import prepare_task
-from lpvid.diagnosis.signals import Signals
 
 LIMIT = 6
 """causes after which a forward selection stops: nobody hides more than two"""

@@ -12,7 +12,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from helpers.effect_signals import guo, road_like  # type: ignore[import-not-found]
 
-from lpvid.diagnosis.effect import Effect
+from lpvid.effects.effect import Effect
 from quartercar.effects import CATALOGUE
 
 SAMPLES = 15360

@@ -7,10 +7,9 @@ import pytest
 from helpers.effect_signals import PERIOD, guo, power_law, road_like
 
 from lpvid import units
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.budgets import MOST_POINTS
-from lpvid.diagnosis.effect import STAGES, Effect, by_name
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Signals
+from lpvid.effects.effect import MOST_POINTS, STAGES, Effect, by_name
 from quartercar.effects import CATALOGUE
 
 NAMES = """

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid.diagnosis import spectra
-from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines import spectra
+from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import Effect
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.guo import Guo
 from quartercar.dampers.laws.power_law import PowerLaw

@@ -10,8 +10,8 @@ import numpy as np
 from helpers.hidden_causes import find
 from helpers.hidden_truth import IMITATED, SAME, SEPARATE, SHARE, baseline_for, build, oracle_gain
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence import engine
+from lpvid.effects.effect import Effect
 
 Row = dict
 BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag", "coulomb-friction"}

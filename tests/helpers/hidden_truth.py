@@ -14,9 +14,9 @@ from scipy.optimize import least_squares
 
 from helpers.hidden import RATE, Made, Noise, Plan, World, draw, make, world_of
 from helpers.hidden_causes import find
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from lpvid.record import Channel, Record
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline

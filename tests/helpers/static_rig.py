@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.diagnosis import Diagnosis, Estimated
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline

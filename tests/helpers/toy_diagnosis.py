@@ -9,14 +9,14 @@ from typing import ClassVar
 import numpy as np
 from scipy.signal import lfilter
 
-from lpvid.diagnosis.baseline import Baseline, Coefficient
+from lpvid.baselines.baseline import Baseline, Coefficient
+from lpvid.baselines.signals import Core, Signals
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import Direction, candidate_change, directions
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.record import Channel, Record
 
 PERIOD = 0.01

@@ -107,7 +107,7 @@ def test_a_damper_of_an_installed_package_through_the_chain(installed, tmp_path)
     inverse = lpv.exportable(LoopLaw(Skyhook(), Setting(0.002, 1, qc.parameters.MEGANE, found, (0.4, 1.6)),
                                      Coil(0.005, 0.01, 0.4, 1.6), ChainSettings(SETS["stroke-body"])))
     assert program_error(inverse) < 1e-12
-    from lpvid.diagnosis.registry import named_baseline
+    from lpvid.baselines.named import named_baseline
 
     assert named_baseline("orifice", [data]).name == "orifice"
 

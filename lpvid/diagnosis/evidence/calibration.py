@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
+from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
 
 COEFFICIENTS = (-1.64, 1.01, 1.67)

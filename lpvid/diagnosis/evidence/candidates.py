@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.budgets import CHILDREN, CHILDREN_PER_KIND, REFITTED_STARTS, SCREENED_POINTS, SIMULATED
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.priors import inclusion_prior
 from lpvid.diagnosis.evidence.relations import LAGGING
 from lpvid.diagnosis.evidence.visited import VisitedSets
 from lpvid.diagnosis.problem import projector
 from lpvid.diagnosis.screening import CandidateChange, Direction, candidate_change, directions, start_vector
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from lpvid.rounding import EPS
 
 MOST_DEFICIT = 20.0

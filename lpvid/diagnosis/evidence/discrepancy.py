@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.rounding import HALF_DIGITS, TINY
 

@@ -10,17 +10,16 @@ import numpy as np
 
 from lpvid._memory import give_back
 from lpvid._threads import single_thread
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.budgets import LONG
+from lpvid.baselines.signals import Signals, in_turn
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.budgets import LISTED, LONG
-from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
-from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.evidence.calibration import component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.laplace import EvidenceData
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
-from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SelectedSet, on_all_samples, select_set
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
@@ -31,7 +30,9 @@ from lpvid.diagnosis.problem import DiagnosisProblem, problem_of
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, screen
 from lpvid.diagnosis.settings import DiagnosisSettings
-from lpvid.diagnosis.signals import Signals, in_turn
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect, by_name
+from lpvid.effects.scaling import Scales
 from lpvid.errors import InputError
 from lpvid.record import Record
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lpvid.diagnosis.effect import Effect
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
 from lpvid.diagnosis.evidence.priors import (
     determined_count,
@@ -19,7 +19,7 @@ from lpvid.diagnosis.evidence.priors import (
 )
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.effect import Effect
 from lpvid.rounding import EXPLODED, HALF_DIGITS, STEP, TINY
 from lpvid.validation.trust import QUANTILE
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.diagnosis import (
     CannotTell,
@@ -27,12 +28,11 @@ from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY, SelectedSet, SetMember, least_change
-from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import ErrorRegime, localise
 from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.screening import ScreeningResult
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.extended import ExtendedModel
 from lpvid.record import Record
 from lpvid.rounding import TINY
 from lpvid.validation.trust import QUANTILE

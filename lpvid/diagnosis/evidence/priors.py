@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.diagnosis.effect import Effect, EffectParameter
+from lpvid.effects.effect import Effect, EffectParameter
 from lpvid.rounding import TINY
 
 COMPONENT_PROBABILITY, FORM_PROBABILITY = 0.05, 0.005

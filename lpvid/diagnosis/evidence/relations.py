@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lpvid.diagnosis.effect import Effect
+from lpvid.effects.effect import Effect
 
 LAGGING = ("motion", "force", "all")
 """paths whose lags, delays and filters fit each other's error and that of every dynamic cause; a set holds one"""

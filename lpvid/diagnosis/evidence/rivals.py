@@ -6,12 +6,12 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from lpvid.diagnosis.effect import Effect
+from lpvid.baselines.spectra import noisier
 from lpvid.diagnosis.evidence.calibration import Matcher, Support, match_component
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.spectra import noisier
+from lpvid.effects.effect import Effect
 from lpvid.rounding import EPS, EXPLODED, TINY
 from lpvid.validation.trust import LEVEL
 

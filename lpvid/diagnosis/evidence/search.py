@@ -9,8 +9,6 @@ from functools import partial
 import numpy as np
 
 from lpvid.diagnosis.budgets import BEAM_WIDTH, ITERATIONS, MOST_MEMBERS, MOST_STARTS, REFITTED_STARTS
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.candidates import (
     MOST_DEFICIT,
     BaselineScreening,
@@ -22,12 +20,14 @@ from lpvid.diagnosis.evidence.candidates import (
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUCTURED_SAMPLES_RANGE, kappa_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
-from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.visited import VisitedSets, posterior
 from lpvid.diagnosis.problem import projector, without
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import Direction, start_vector
 from lpvid.diagnosis.start_points import start_points
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
+from lpvid.effects.scaling import Scales
 from lpvid.rounding import TINY
 
 

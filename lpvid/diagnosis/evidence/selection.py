@@ -8,10 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from lpvid.diagnosis.budgets import LONG
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.diagnosis import gain_percent
-from lpvid.diagnosis.effect import Effect
+from lpvid.baselines.budgets import LONG
 from lpvid.diagnosis.evidence.calibration import Support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
@@ -23,7 +20,10 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predicted_share
 from lpvid.diagnosis.screening import start_vector
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
+from lpvid.validation.figures import gain_percent
 from lpvid.validation.trust import LEVEL
 
 T = TypeVar("T")

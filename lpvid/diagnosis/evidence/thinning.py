@@ -8,15 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Signals, SignalStretch
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.bandwidth import PASSED
-from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
 from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.signals import Signals, SignalStretch
+from lpvid.effects.scaling import Scales
 from lpvid.record import Record
 from lpvid.rounding import TINY
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from lpvid._forks import in_forks
 from lpvid.diagnosis.budgets import COARSE_ITERATIONS, NEAR_ITERATIONS
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
 from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.priors import misfit_prior
@@ -19,6 +17,8 @@ from lpvid.diagnosis.evidence.relations import compatible
 from lpvid.diagnosis.problem import DiagnosisProblem, without
 from lpvid.diagnosis.refitting import Refit, descend, refined_by_trial
 from lpvid.diagnosis.screening import start_vector
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from lpvid.rounding import EXPLODED
 
 T = TypeVar("T")

@@ -17,20 +17,21 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
+from lpvid.baselines.baseline import Baseline, Coefficient
+from lpvid.baselines.named import factories, named_baseline
+from lpvid.baselines.signals import Signals
 from lpvid.condition.derivation import derived
-from lpvid.diagnosis import registry
-from lpvid.diagnosis.baseline import Baseline, Coefficient
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
-from lpvid.diagnosis.extended import ExtendedRun
 from lpvid.diagnosis.facade import _seen_rows, _with_channel_names, prepare_task, run_task
 from lpvid.diagnosis.localise import ErrorRegime
-from lpvid.diagnosis.lpv_extension import LpvExtension, enlarged, measured_extension
 from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.catalogues import catalogue
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.effects.extended import ExtendedRun
+from lpvid.effects.lpv_extension import LpvExtension, enlarged, measured_extension
 from lpvid.errors import InputError
 from lpvid.report.diagnosis import _facts
 
@@ -360,10 +361,10 @@ def test_an_interruption_leaves_what_is_known(at, reached):
 def test_entry_points_may_give_a_factory_or_a_mapping_of_them(installed):
     installed["lpvid.baselines"].append(Point("house", {"a": lambda r, p=None: Viscous(1.0),
                                                         "b": lambda r, p=None: Viscous(2.0)}))
-    assert registry.named_baseline("b", ()).vector == [2.0] and set(registry.factories()) == {"viscous", "a", "b"}
+    assert named_baseline("b", ()).vector == [2.0] and set(factories()) == {"viscous", "a", "b"}
     installed["lpvid.effects"].append(Point("more", (Added("lone", sign),)))
-    assert [e.name for e in registry.catalogue()] == ["lone", "dry", "square", "spring", "heat"]
-    assert [e.name for e in registry.catalogue(["more"])] == ["lone"]
+    assert [e.name for e in catalogue()] == ["lone", "dry", "square", "spring", "heat"]
+    assert [e.name for e in catalogue(["more"])] == ["lone"]
 
 
 @pytest.mark.parametrize(("group", "value", "stated"), [
@@ -376,7 +377,7 @@ def test_entry_points_may_give_a_factory_or_a_mapping_of_them(installed):
 def test_a_package_that_names_nonsense_is_told(installed, group, value, stated):
     installed[group].append(Point("odd", value))
     with pytest.raises(InputError) as error:
-        registry.catalogue() if group == "lpvid.effects" else registry.factories()
+        catalogue() if group == "lpvid.effects" else factories()
     assert stated in str(error.value) and "\n" not in str(error.value)
 
 

@@ -14,10 +14,9 @@ from scipy.integrate import quad
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from lpvid.diagnosis.baseline import Coefficient
+from lpvid.baselines.baseline import Coefficient
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import EffectParameter
 from lpvid.diagnosis.evidence import candidates, engine, outcome, selection
 from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component_support
 from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, Discrepancy, marginal
@@ -33,14 +32,15 @@ from lpvid.diagnosis.evidence.priors import (
     strength_prior,
 )
 from lpvid.diagnosis.evidence.relations import related
-from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SURE_PROBABILITY, SetMember
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.settings import DiagnosisSettings
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import EffectParameter
+from lpvid.effects.scaling import Scales
 from lpvid.record import Channel, Record
 from lpvid.report.diagnosis import _cause_row
 from quartercar.effects import CATALOGUE

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence import rivals, selection
 from lpvid.diagnosis.evidence.calibration import match_component
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome, alternatives
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, reported_name
 from lpvid.diagnosis.evidence.selection import SetMember
+from lpvid.effects.effect import Effect
 from quartercar.effects import CATALOGUE
 from quartercar.effects.compliance import EntrainedAir
 from quartercar.effects.electrical import CoilLag, RiseFallLag

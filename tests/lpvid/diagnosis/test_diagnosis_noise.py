@@ -11,10 +11,10 @@ from helpers.toy_diagnosis import (
     record,
 )
 
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.noise import noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from helpers.toy_diagnosis import TRUE, Added, Bent, problem_of, record
 
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core
 from lpvid.diagnosis import refitting
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import EffectParameter
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import descend
-from lpvid.diagnosis.signals import Core
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import EffectParameter
 
 
 class Valley(Added):

@@ -29,15 +29,15 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.localise import _after_reversal, localise
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
 from lpvid.diagnosis.screening import DETECTABLE_RATIO, ScreeningResult, candidate_change, directions, screen
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.composition import Composition
 from lpvid.record import Channel, Record
 
 

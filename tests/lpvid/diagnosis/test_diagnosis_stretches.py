@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lpvid.baselines.signals import Signals, in_turn
 from lpvid.diagnosis.blocks import START_UP, Blocks
 from lpvid.diagnosis.evidence.thinning import (
     FEWEST_STRETCHES,
@@ -16,7 +17,6 @@ from lpvid.diagnosis.evidence.thinning import (
     length_of,
     stretched,
 )
-from lpvid.diagnosis.signals import Signals, in_turn
 from quartercar.effects import CATALOGUE
 from quartercar.effects.thermal import stored_heat
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import lpvid as lpv
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 from quartercar.baselines.quarter_car import FREE, UNITS, QuarterCarBaseline

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 import lpvid as lpv
 import quartercar as qc
 from lpvid.cli.app import app
-from lpvid.diagnosis.effect import by_name
-from lpvid.diagnosis.lpv_extension import measured_extension
+from lpvid.effects.effect import by_name
+from lpvid.effects.lpv_extension import measured_extension
 from lpvid.errors import InputError
 from quartercar.experiments import PLANS, plan_for
 from quartercar.rig import (

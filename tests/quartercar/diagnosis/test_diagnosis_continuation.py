@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers.effect_signals import PERIOD, without_noise
 
+from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import before_filter, derivative
 from lpvid.condition.continuation import Continued, ahead
-from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import before_filter, derivative
 
 T = PERIOD * np.arange(5120)
 AT_A_PEAK = np.cos(2 * np.pi * 1.3 * T) + 0.5 * np.cos(2 * np.pi * 4.1 * T)

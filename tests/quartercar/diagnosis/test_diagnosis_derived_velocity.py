@@ -8,10 +8,10 @@ from helpers.effect_signals import PERIOD, motion, without_noise
 from scipy.signal import bilinear, lfilter
 
 import lpvid as lpv
+from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import before_filter
 from lpvid.condition import differentiate
 from lpvid.diagnosis.preparing import prepare
-from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import before_filter
 from lpvid.record import Record
 from quartercar.dampers import fit
 from quartercar.dampers.laws.linear import Linear

@@ -7,15 +7,15 @@ import pytest
 from helpers.effect_signals import PERIOD, guo, motion, power_law
 
 import lpvid
-from lpvid.diagnosis.composition import Composition
+from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import low_passed
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.laplace import component_of
 from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY
 from lpvid.diagnosis.settings import DiagnosisSettings
-from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import low_passed
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from lpvid.record import Channel, Record
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.bouc_wen import BoucWen

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from helpers.effect_signals import PERIOD, guo, motion
 
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis import refitting
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from quartercar.effects.electrical import CommandDelay
 from quartercar.effects.friction_gas import GasStiffness
 

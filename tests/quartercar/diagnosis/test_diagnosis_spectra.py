@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.effect_signals import PERIOD, without_noise
 
-from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import _derived, noisier, weighed_alike
+from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import _derived, noisier, weighed_alike
 from quartercar.effects.between_samples import between
 from quartercar.effects.splines import spline_shifted
 

@@ -13,7 +13,7 @@ import pytest
 
 import lpvid as lpv
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.effect import Effect
+from lpvid.effects.effect import Effect
 from lpvid.record import Record
 from quartercar.effects import CATALOGUE
 from quartercar.experiments import NO_PLAN, NOT_BY_FORCE, PAIRS, PLANS, WITHOUT_CURRENT, plan_for

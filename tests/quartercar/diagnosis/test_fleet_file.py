@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 import lpvid as lpv
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.facade import prepare_task
-from lpvid.diagnosis.fleet_law import FleetEffect, FleetLaw
+from lpvid.effects.composition import Composition
+from lpvid.effects.extended import ExtendedModel
+from lpvid.effects.fleet_law import FleetEffect, FleetLaw
 from quartercar.effects import CATALOGUE
 from quartercar.rig import EXPERIMENTS, Rig
 

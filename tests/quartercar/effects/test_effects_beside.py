@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import lpvid as lpv
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import by_name
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import by_name
 from lpvid.record import Record
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.linear import Linear

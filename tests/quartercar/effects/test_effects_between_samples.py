@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.effect_signals import PERIOD, guo, motion
 
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
 from quartercar.effects.between_samples import FAST, FINEST, between, times_as_fast
 from quartercar.effects.compliance import SeriesCompliance
 from quartercar.effects.structure import acceleration

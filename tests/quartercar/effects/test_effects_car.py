@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.problem import projector, without
 from lpvid.diagnosis.settings import DiagnosisSettings
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import Effect
 from lpvid.record import Channel, Record
 from lpvid.toolkit import njit
 from quartercar.baselines.quarter_car import FREE, QuarterCarBaseline

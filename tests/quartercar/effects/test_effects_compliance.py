@@ -10,7 +10,7 @@ from helpers.effect_signals import road_like
 from helpers.static_rig import named_or_listed, recorded, static_law
 from scipy.integrate import solve_ivp
 
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.signals import Core, Signals
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.effects import _series_kernels

@@ -8,9 +8,9 @@ from helpers.effect_signals import guo
 from scipy.signal import lfilter
 
 import lpvid as lpv
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.evidence.engine import prepared
 from lpvid.diagnosis.evidence.relations import compatible
-from lpvid.diagnosis.signals import Signals
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.linear import Linear
 from quartercar.effects import CATALOGUE

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.effect_signals import road_like
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 from quartercar.effects import series_march
 from quartercar.effects.corners import Corners, corners
 from quartercar.effects.series import InSeries

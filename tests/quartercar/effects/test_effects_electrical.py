@@ -8,7 +8,7 @@ from helpers.effect_signals import PERIOD, composed, current_itself, guo, road_l
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
-from lpvid.diagnosis.signals import Signals, in_turn
+from lpvid.baselines.signals import Signals, in_turn
 from quartercar.effects.current_edges import SPACING, edges_unfiltered, find_edges, is_sharp
 from quartercar.effects.electrical import (
     SEEN_AFTER,

@@ -7,10 +7,10 @@ import pytest
 from helpers.effect_signals import composed, guo, nothing, road_like
 from scipy.integrate import solve_ivp
 
-from lpvid.diagnosis.composition import Composition
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
-from lpvid.diagnosis.signals import Signals
+from lpvid.effects.composition import Composition
 from lpvid.record import Record
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.linear import Linear

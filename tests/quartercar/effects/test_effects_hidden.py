@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.effects.effect import Effect
+from lpvid.effects.scaling import Scales
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.guo import Guo

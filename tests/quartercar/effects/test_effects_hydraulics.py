@@ -10,9 +10,9 @@ import pytest
 from helpers.static_rig import diagnosed, named_or_listed, recorded, static_force, static_law
 from scipy.integrate import solve_ivp
 
-from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import Effect
+from lpvid.effects.scaling import Scales
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.effects.hydraulics import (

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
 from lpvid.record import Record
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.linear import Linear

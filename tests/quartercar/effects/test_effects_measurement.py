@@ -7,9 +7,9 @@ import pytest
 from helpers.effect_signals import PERIOD, composed, guo, motion, nothing, road_like, speed_itself
 from scipy.signal import bessel, bilinear, lfilter
 
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.extended import ExtendedModel
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.extended import ExtendedModel
 from quartercar.effects.measurement import (
     DisplacementDelay,
     ForceClipping,

@@ -7,8 +7,8 @@ import pytest
 from helpers.effect_signals import PERIOD, composed, current_itself, guo, nothing, road_like, speed_itself
 from scipy.signal import lsim, lti
 
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.signals import Signals, in_turn
+from lpvid.baselines.signals import Signals, in_turn
+from lpvid.effects.composition import Composition
 from quartercar.effects.hydraulics import QuadraticLoss
 from quartercar.effects.model_structure import (
     MODES,

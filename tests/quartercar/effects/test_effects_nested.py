@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import STAGES, Effect, by_name
-from lpvid.diagnosis.extended import ExtendedModel
-from lpvid.diagnosis.extended_baseline import ExtendedBaseline
-from lpvid.diagnosis.lpv_baseline import LpvBaseline
-from lpvid.diagnosis.signals import Signals, in_turn
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.lpv_baseline import LpvBaseline
+from lpvid.baselines.signals import Signals, in_turn
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import STAGES, Effect, by_name
+from lpvid.effects.extended import ExtendedModel
+from lpvid.effects.extended_baseline import ExtendedBaseline
 from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.model.signals import Signal

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers.effect_signals import road_like
 
-from lpvid.diagnosis.composition import STEP, Composition
-from lpvid.diagnosis.effect import by_name
-from lpvid.diagnosis.signals import Linearised, Signals
+from lpvid.baselines.signals import Linearised, Signals
+from lpvid.effects.composition import STEP, Composition
+from lpvid.effects.effect import by_name
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.laws.guo import Guo
 from quartercar.effects import CATALOGUE

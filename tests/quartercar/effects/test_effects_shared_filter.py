@@ -7,8 +7,8 @@ import pytest
 from helpers.effect_signals import PERIOD, composed, guo, motion
 from scipy.signal import bilinear, lfilter, lti
 
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
 from quartercar.effects.current_edges import current_before, edges_of, find_edges
 from quartercar.effects.electrical import held
 from quartercar.effects.measurement import OneSidedFilter

@@ -7,9 +7,9 @@ import pytest
 from helpers.effect_signals import PERIOD, composed, current_itself, guo, motion, nothing, road_like, speed_itself
 from scipy.signal import lsim, lti
 
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.extended import ExtendedModel
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.extended import ExtendedModel
 from quartercar.effects.between_samples import MOST
 from quartercar.effects.electrical import SEEN_AFTER
 from quartercar.effects.hydraulics import ValveDynamics

@@ -7,7 +7,7 @@ import pytest
 from helpers.effect_signals import PERIOD, composed, road_like, speed_itself
 from scipy.integrate import solve_ivp
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 from quartercar.effects.between_samples import between
 from quartercar.effects.thermal import ThermalFade, ViscousFade, stored_heat
 

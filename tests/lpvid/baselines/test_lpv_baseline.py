@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.diagnosis.budgets import MOST_FREE
-from lpvid.diagnosis.lpv_baseline import LpvBaseline
+from lpvid.baselines.budgets import MOST_FREE
+from lpvid.baselines.lpv_baseline import LpvBaseline
 from lpvid.errors import InputError
 from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.input_stage import TanhStage

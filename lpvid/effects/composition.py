@@ -11,10 +11,10 @@ from typing import Self
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.budgets import LONG
-from lpvid.diagnosis.effect import STAGES, Effect
-from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.budgets import LONG
+from lpvid.baselines.signals import Core, Linearised, Remembered, Signals
+from lpvid.effects.effect import STAGES, Effect
 from lpvid.record import Record
 from lpvid.rounding import EPS, STEP
 

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
+from lpvid.baselines.baseline import Baseline, Coefficient
+from lpvid.baselines.budgets import MOST_FREE
+from lpvid.baselines.signals import ROLES, Core, Signals
 from lpvid.condition.segmentation import RATE_TOLERANCE
-from lpvid.diagnosis.baseline import Baseline, Coefficient
-from lpvid.diagnosis.budgets import MOST_FREE
-from lpvid.diagnosis.preparing import ROLES
-from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.quasi import QuasiLPVModel, SelfScheduled
@@ -212,7 +211,7 @@ class LpvBaseline(Baseline):
 
     def _by_recursion(self, signals: Signals, vector: np.ndarray, here: np.ndarray) -> np.ndarray | None:
         """(n, k) derivative in the coefficients of a transfer function, the first k parameters; None for others."""
-        from lpvid.diagnosis.lpv_tangent import free_run_sensitivities
+        from lpvid.baselines.lpv_tangent import free_run_sensitivities
 
         if not self.forward or not np.isfinite(here).all() or not np.isfinite(vector).all():
             return None

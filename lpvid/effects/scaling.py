@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 
 Dimension = tuple[float, float, float, float]
 """exponents of the output's unit, of a length, of a time and of a current"""

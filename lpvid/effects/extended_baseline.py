@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from lpvid.diagnosis.baseline import Coefficient
-from lpvid.diagnosis.composition import Composition, CompositionBaseline
-from lpvid.diagnosis.extended import ExtendedModel
+from lpvid.baselines.baseline import Coefficient
+from lpvid.effects.composition import Composition, CompositionBaseline
+from lpvid.effects.extended import ExtendedModel
 
 
 @dataclass(frozen=True, eq=False)

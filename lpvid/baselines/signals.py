@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
-from lpvid.diagnosis.budgets import LONG, REMEMBERED, REPLACED
+from lpvid.baselines.budgets import LONG, REMEMBERED, REPLACED
 
+ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "force", "road", "unsprung", "sprung",
+         "actuator")
+"""roles that baselines and effects look for, where a baseline does not name its own"""
 FEWEST = 2
 """results of a kind kept at least, so that a derivative and the run at the same point share theirs"""
 MISSING = object()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.effect import by_name
-from lpvid.diagnosis.lpv_baseline import LpvBaseline
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.lpv_baseline import LpvBaseline
+from lpvid.baselines.signals import Signals
+from lpvid.effects.composition import Composition
+from lpvid.effects.effect import by_name
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.model.signals import Signal

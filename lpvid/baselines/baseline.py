@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.signals import Core, Signals
 from lpvid.record import Record
 
 

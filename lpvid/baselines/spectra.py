@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lpvid.baselines.signals import Signals
 from lpvid.condition.band_limited import in_band, jumps, share_of_motion
 from lpvid.condition.continuation import Continued
 from lpvid.condition.interference import (
@@ -18,7 +19,6 @@ from lpvid.condition.interference import (
     stretch_samples,
     top_of,
 )
-from lpvid.diagnosis.signals import Signals
 from lpvid.rounding import EPS
 
 LASTING = -math.log(EPS)

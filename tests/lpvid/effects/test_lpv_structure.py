@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.diagnosis.lpv_extension import common_structure
+from lpvid.effects.lpv_extension import common_structure
 
 
 @pytest.mark.parametrize(("low", "high", "scheduled"), [(0.0, 0.04, True), (0.0, 1.0, True), (3.0, 3.059, False),

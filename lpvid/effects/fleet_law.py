@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.baselines.baseline import Baseline, Coefficient
+from lpvid.baselines.signals import Core, Signals
 from lpvid.codec import encode
-from lpvid.diagnosis.baseline import Baseline, Coefficient
-from lpvid.diagnosis.composition import ComposedBaseline, Composition
-from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
-from lpvid.diagnosis.extended import ExtendedModel
-from lpvid.diagnosis.signals import Core, Signals
-from lpvid.record import Record
+from lpvid.effects.composition import ComposedBaseline, Composition
+from lpvid.effects.effect import Effect, EffectParameter, LpvChange
+from lpvid.effects.extended import ExtendedModel
 
 ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
          "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
@@ -235,67 +234,3 @@ class FleetEffect(Effect):
 
     def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
         return self.effect.clock_errors(values, signals)
-
-
-def refitted(law: FleetLaw, records: Sequence[Record]) -> np.ndarray:
-    """(P,) parameters of a fleet's law along one specimen's records, within its bounds.
-
-    Parameters
-    ----------
-    law : FleetLaw
-    records : sequence of Record
-        As read.
-
-    Returns
-    -------
-    (P,) array
-    """
-    return _refit(Composition(law), [law.vector], records)
-
-
-def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict[str, dict[str, list]]:
-    """Strengths of a file's causes in that file and in healthy files.
-
-    Parameters
-    ----------
-    found : ExtendedModel
-        Of the file, beside a fleet's law.
-    healthy : sequence of sequences of Record
-        As read, file by file.
-
-    Returns
-    -------
-    dict of str to dict
-        By cause: ``names`` and ``units`` of its strengths, ``here`` their values, ``healthy`` a list of them for each
-        healthy file.
-    """
-    composition, absent = found.composition, found.vector.copy()
-    own = {}
-    if isinstance(composition.baseline, ComposedBaseline):
-        inner = composition.baseline.inner
-        own = {e.name: found.vector[p] for e, p in zip(inner.effects, inner.places, strict=True)}
-    for e, p in zip(composition.effects, composition.places, strict=True):
-        count = e.strengths
-        absent[p][:count] = own[e.name][:count] if e.name in own else e.neutral[:count]
-    fits = [_refit(composition, [found.vector, absent], records) for records in healthy]
-    return {e.name: {"names": [q.name for q in e.parameters[: e.strengths]],
-                     "units": [q.unit for q in e.parameters[: e.strengths]],
-                     "here": found.vector[p][: e.strengths].tolist(),
-                     "healthy": [f[p][: e.strengths].tolist() for f in fits]}
-            for e, p in zip(composition.effects, composition.places, strict=True)}
-
-
-def _refit(composition: Composition, starts: Sequence[np.ndarray], records: Sequence[Record]) -> np.ndarray:
-    """Parameters of the best rough refit from these starts, on the thinned samples of a search."""
-    from lpvid.diagnosis.blocks import Blocks
-    from lpvid.diagnosis.evidence.thinning import for_search, thinned
-    from lpvid.diagnosis.facade import prepare_task
-    from lpvid.diagnosis.problem import DiagnosisProblem
-    from lpvid.diagnosis.refitting import refit
-    from lpvid.diagnosis.signals import in_turn
-
-    baseline = composition.baseline
-    thin, _ = thinned(prepare_task(records, baseline, composition.effects).prepared.training, baseline)
-    signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
-    return min((refit(problem, composition, v, rough=True) for v in starts), key=lambda f: f.cost).vector

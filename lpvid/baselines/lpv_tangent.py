@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.baselines.signals import Signals
 from lpvid.model.transfer_function import LPVTransferFunction
 
 

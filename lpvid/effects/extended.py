@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.named import named_baseline
 from lpvid.condition.band_limited import IN_BAND
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.budgets import SEARCH_SAMPLES
-from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.registry import named_effects, stored_baseline
+from lpvid.effects.catalogues import named_effects
+from lpvid.effects.composition import Composition
 from lpvid.errors import InputError
 from lpvid.model.adaptable import Acting, Adaptable
 from lpvid.model.noise_model import NoiseModel
@@ -24,11 +25,25 @@ from lpvid.rounding import EXPLODED
 from lpvid.scheduling import Scheduling
 from lpvid.training_rows import TrainingRows
 
-if TYPE_CHECKING:
-    from lpvid.diagnosis.refitting import Refit
-
 SLACK = 0.01
 """share of its range by which a scheduling variable may leave it before that counts as extrapolation"""
+KINDS = {"extended": ("lpvid.effects.extended_baseline", "ExtendedBaseline"),
+         "fleet": ("lpvid.effects.fleet_law", "FleetLaw"), "lpv": ("lpvid.baselines.lpv_baseline", "LpvBaseline")}
+"""modules of lpvid's own kinds of baseline, by the kind in their files"""
+
+
+class FittedComposition(Protocol):
+    """What a fit has found: a composition and its parameters."""
+
+    @property
+    def composition(self) -> Composition:
+        """Baseline and effects."""
+        ...
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(P,) parameters."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +84,12 @@ class ExtendedModel(Adaptable):
             set_(self, "reads", _required(self.composition))
 
     @classmethod
-    def of(cls, fit: Refit, covariance: np.ndarray, baseline: Baseline) -> ExtendedModel:
-        """From the result of a refit.
+    def of(cls, fit: FittedComposition, covariance: np.ndarray, baseline: Baseline) -> ExtendedModel:
+        """From the result of a fit.
 
         Parameters
         ----------
-        fit : Refit
+        fit : FittedComposition
         covariance : (P, P) array
             Of its parameters; NaN for those at a bound.
         baseline : Baseline
@@ -87,7 +102,8 @@ class ExtendedModel(Adaptable):
         """
         return cls(Composition(baseline, fit.composition.effects), fit.vector, covariance)
 
-    def remembering(self, records: Sequence[Record], raw: Sequence[Record] = ()) -> ExtendedModel:
+    def remembering(self, records: Sequence[Record], raw: Sequence[Record] = (),
+                    samples: int | None = None) -> ExtendedModel:
         """The same model with channels, units, ranges and prints of rows of its training records.
 
         A channel beyond those of baseline and effects counts as read where the simulation changes without it.
@@ -98,14 +114,15 @@ class ExtendedModel(Adaptable):
             Prepared training records.
         raw : sequence of Record
             The same as read, by whose rows it recognises them; the prepared ones without any.
+        samples : int, optional
+            Of the first record, along which the channels that it reads are determined; all of them by default.
 
         Returns
         -------
         ExtendedModel
         """
         base = self.composition.baseline
-        first = records[0].slice(0, min(records[0].n_samples, SEARCH_SAMPLES))
-        signals = base.signals(first)
+        signals = base.signals(records[0].slice(0, min(records[0].n_samples, samples or records[0].n_samples)))
         reads = tuple(n for n in _required(self.composition) if signals.has(n))
         whole = self.composition.predict(signals, self.vector)
         for role in [r for r in signals.channels if r not in (*reads, base.output)]:
@@ -262,6 +279,30 @@ def _required(composition: Composition) -> tuple[str, ...]:
     """Roles of the baseline and needs of the effects, without the output."""
     named = (*composition.baseline.channels, *(n for e in composition.effects for n in e.needs))
     return tuple(dict.fromkeys(n for n in named if n != composition.baseline.output))
+
+
+def stored_baseline(data: Mapping) -> Baseline:
+    """The baseline that an extended model's file holds: one of lpvid's own kinds, or an installed one by its name.
+
+    Parameters
+    ----------
+    data : mapping
+        ``name``, and what the baseline's `to_dict` wrote under ``data``.
+
+    Returns
+    -------
+    Baseline
+
+    Raises
+    ------
+    InputError
+        A name that no installed package has.
+    """
+    inner = data["data"]
+    if inner.get("kind") not in KINDS:
+        return named_baseline(str(data["name"]), (), inner)
+    module, name = KINDS[inner["kind"]]
+    return getattr(importlib.import_module(module), name).from_dict(inner)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ import weakref
 import numpy as np
 import pytest
 
-from lpvid.diagnosis.budgets import LONG, REPLACED
-from lpvid.diagnosis.signals import Remembered, Signals
+from lpvid.baselines.budgets import LONG, REPLACED
+from lpvid.baselines.signals import Remembered, Signals
 
 SHORT = LONG // REPLACED**2
 

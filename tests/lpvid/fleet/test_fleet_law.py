@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from helpers.toy_diagnosis import CAUSES, Bent, Cubic, Dry, Late, record
 
-from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.priors import inclusion_prior
-from lpvid.diagnosis.extended import ExtendedModel
-from lpvid.diagnosis.fleet_law import FleetEffect, FleetLaw, refitted, strengths
+from lpvid.effects.composition import Composition
+from lpvid.effects.extended import ExtendedModel
+from lpvid.effects.fleet_law import FleetEffect, FleetLaw
+from lpvid.fleet.strengths import refitted, strengths
 from lpvid.record import Record
 
 SHARED, SPREAD = 0.8, 0.03

@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from lpvid import _checks
-from lpvid.diagnosis.budgets import MOST_POINTS, MOST_SIZES
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.baselines.signals import Core, Signals
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
-    from lpvid.diagnosis.baseline import Baseline
+    from lpvid.baselines.baseline import Baseline
 
 BETWEEN = 0.01
 """share of a sample to which a time is known at best"""
+MOST_POINTS, MOST_SIZES = 14, 6
+"""grid points at which an effect is screened; sizes of a strength among them, two to a decade"""
 SPREAD = (0.003, 0.1, 1.0)
 """least, middle and largest share of its natural size at which a parameter is screened"""
 STAGES = ("inside", "core", "series", "force", "kinematics", "current", "channel", "measurement")

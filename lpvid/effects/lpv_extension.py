@@ -10,11 +10,11 @@ import numpy as np
 
 from lpvid.condition.constancy import at_rest, constant
 from lpvid.condition.derivation import DERIVED, derived
-from lpvid.diagnosis.diagnosis import gain_percent
-from lpvid.diagnosis.effect import Effect, LpvChange
+from lpvid.effects.effect import Effect, LpvChange
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial
+from lpvid.validation.figures import gain_percent
 
 if TYPE_CHECKING:
     from lpvid.identification import Identification
