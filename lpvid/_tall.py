@@ -137,3 +137,30 @@ def column_norms(matrix: np.ndarray) -> np.ndarray:
         part = matrix[first: first + ROWS]
         total = np.add.reduce(np.concatenate([total, part * part]), axis=0)[None]
     return np.sqrt(total[0])
+
+
+def move_together(values: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """The rows to keep as the first rows of the same array; numpy copies what a move overlaps, a few at a time.
+
+    Parameters
+    ----------
+    values : (m,) or (m, k) array
+        Its other rows are lost.
+    keep : (m,) bool array
+
+    Returns
+    -------
+    (n,) or (n, k) array
+        A view of `values`.
+
+    Examples
+    --------
+    >>> move_together(np.array([1.0, 2.0, 3.0]), np.array([False, True, True])).tolist()
+    [2.0, 3.0]
+    """
+    last = 0
+    for first in range(0, len(values), ROWS):
+        kept = values[first: first + ROWS][keep[first: first + ROWS]]
+        values[last: last + len(kept)] = kept
+        last += len(kept)
+    return values[:last]

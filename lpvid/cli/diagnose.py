@@ -13,7 +13,7 @@ from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.diagnosis import Diagnosis
-    from lpvid.diagnosis.facade import DiagnosisTask
+    from lpvid.diagnosis.task import DiagnosisTask
     from lpvid.effects.lpv_extension import LpvExtension
     from lpvid.record import Record
 
@@ -52,8 +52,9 @@ def diagnose(
     """
     from lpvid.cli.data import asked_rate, read_parts_clocked, split_names
     from lpvid.condition.preparing import common_rate
-    from lpvid.diagnosis.facade import prepare_task, run_task
+    from lpvid.diagnosis.facade import run_task
     from lpvid.diagnosis.settings import DiagnosisSettings
+    from lpvid.diagnosis.task import prepare_task
     from lpvid.errors import InputError
 
     results = Results(out, "diagnosis.json", "report.html")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.signals import Core
 from lpvid.diagnosis.diagnosis import Errors, Estimated
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
@@ -44,13 +45,54 @@ def errors_of(
     if not held_out:
         squares = float(left_out @ left_out)
         return Errors(training, squares / power, float(np.sqrt(squares / problem.n_samples)))
-    error, total, count = 0.0, 0.0, 0
-    for record in held_out:
-        s = baseline.signals(record)
-        e = (s.output - fit.composition.predict(s, fit.vector))[baseline.start:]
-        y = s.output[baseline.start:]
-        error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
+    error, total, count = free_run_squares(baseline, fit.composition.core(fit.vector), held_out)
     return Errors(training, error / total if total > 0 else np.inf, float(np.sqrt(error / max(count, 1))))
+
+
+def free_run_squares(baseline: Baseline, core: Core, records: Sequence[Record]) -> tuple[float, float, int]:
+    """Sums of a free run's squared error and of the output's squared deviation from its mean, over records.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        Reads the signals of the records.
+    core : Core
+    records : sequence of Record
+        Prepared.
+
+    Returns
+    -------
+    error, power : float
+        In the output's unit squared.
+    count : int
+        Samples, without those that the run takes from the measurement.
+    """
+    error, power, count = 0.0, 0.0, 0
+    for record in records:
+        s = baseline.signals(record)
+        with np.errstate(all="ignore"):  # a run that diverges
+            e = (s.output - core(s))[baseline.start:]
+            y = s.output[baseline.start:]
+            error, power, count = error + float(e @ e), power + float(np.sum((y - y.mean()) ** 2)), count + y.size
+    return error, power, count
+
+
+def esr_as_given(baseline: Baseline, records: Sequence[Record]) -> float | None:
+    """Pooled free-run ESR of a baseline at its own parameters.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    records : sequence of Record
+        Prepared; may be empty.
+
+    Returns
+    -------
+    float or None
+        None without records, where the run diverges, and where the output is constant.
+    """
+    error, power, _ = free_run_squares(baseline, baseline.core(baseline.vector), records)
+    return error / power if np.isfinite(error) and power > 0 else None
 
 
 def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from gc import collect
 from typing import TYPE_CHECKING, Any
 
@@ -14,60 +14,21 @@ from lpvid._forks import in_forks
 from lpvid._memory import give_back
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
-from lpvid.baselines.signals import ROLES
 from lpvid.condition.preparing import with_current
-from lpvid.condition.segmentation import refuse_text
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.preparing import PreparedRecords, prepare
-from lpvid.effects.composition import ComposedBaseline
-from lpvid.effects.effect import Effect
-from lpvid.effects.given import as_baseline, as_effects, by_roles, channels_of, opened, rate_of
-from lpvid.errors import InputError
+from lpvid.diagnosis.estimates import esr_as_given
+from lpvid.diagnosis.task import AUTO, DiagnosisTask, Progress, prepare_task
 from lpvid.record import Record
-from lpvid.training_fingerprint import of_files, recalled
+from lpvid.rounding import EPS
+from lpvid.training_fingerprint import of_files
 from lpvid.training_rows import PARTLY, TRAINING, TrainingRows, compared_rows
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
     from lpvid.diagnosis.settings import DiagnosisSettings
     from lpvid.effects.extended import ExtendedModel
-
-Progress = Callable[[str], None]
-AUTO = "auto"
-"""instead of a baseline's name: the installed law that describes the records best"""
-
-
-@dataclass(frozen=True, eq=False)
-class DiagnosisTask:
-    """Prepared records, baseline and catalogue of a diagnosis.
-
-    Attributes
-    ----------
-    prepared : PreparedRecords
-        Records on one clock.
-    baseline : Baseline
-        Fitted only if its parameters were given.
-    fitted : bool
-        Whether the parameters were given: the search starts from them, and `esr_as_given` is their error.
-    catalogue : tuple of Effect
-    raw : tuple of Record
-        As read, for the audit.
-    baseline_fitted : bool
-        Whether the baseline has been fitted to these records already.
-    n_training : int or None
-        How many of `raw` are training records, which come first; None for all.
-    """
-
-    prepared: PreparedRecords
-    baseline: Baseline
-    fitted: bool
-    catalogue: tuple[Effect, ...]
-    raw: tuple[Record, ...]
-    baseline_fitted: bool = False
-    n_training: int | None = None
-
 
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
@@ -114,75 +75,6 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     return run_task(task, settings, progress)
 
 
-def prepare_task(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
-                 held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
-                 sample_rate: float | None = None, progress: Progress | None = None) -> DiagnosisTask:
-    """Resolve names, read the model, prepare the records; arguments as for `diagnose`.
-
-    Parameters
-    ----------
-    records : Record or sequence of Record
-    baseline : str, path, model or Baseline
-    catalogue : sequence of Effect, name or names, optional
-    held_out : Record or sequence of Record, optional
-    parameters : path or object, optional
-    sample_rate : float, optional
-        [Hz].
-    progress : callable, optional
-
-    Returns
-    -------
-    DiagnosisTask
-
-    Raises
-    ------
-    InputError
-        Parameters for a baseline that is not given by name; no such baseline or catalogue, missing channels, an output
-        or a motion that is constant throughout.
-    """
-    training, kept = _listed(records), _listed(held_out)
-    effects, given = as_effects(catalogue), opened(baseline)
-    if parameters is not None and not isinstance(given, str):
-        raise InputError("parameters belong to a baseline that is given by name", got=type(given).__name__,
-                         mend="leave them out, a model file holds its own")
-    training, kept = (recalled(part, getattr(given, "metadata", {})) for part in (training, kept))
-    given = by_roles(given)
-    rate = sample_rate or rate_of(given, [*training, *kept])
-    prepared = prepare(training, kept, effects, channels_of(given), rate)
-    if given == AUTO:
-        from lpvid.diagnosis.automatic import automatic
-
-        if parameters is not None:
-            raise InputError("parameters belong to a baseline that is given by name", got=AUTO,
-                             mend="name the baseline, or leave them out")
-        found, note = automatic(prepared.training, progress or (lambda text: None))
-        prepared = replace(prepared, notes=(note, *prepared.notes))
-    else:
-        try:
-            found = as_baseline(given, prepared.training, parameters)
-        except InputError:  # text may be why a channel is not there
-            refuse_text([*training, *kept], ROLES)
-            raise
-    _check_moving(found, prepared.training)
-    fitted = parameters is not None or not isinstance(given, (str, Baseline))
-    causes = found.candidates(effects) if isinstance(found, ComposedBaseline) else tuple(effects)
-    return DiagnosisTask(prepared, found, fitted, causes, (*training, *kept), given == AUTO, len(training))
-
-
-def _check_moving(baseline: Baseline, records: Sequence[Record]) -> None:
-    """Raise where the output, or every measured channel of the motion, is constant."""
-    values = [r[baseline.output] for r in records if r.has(baseline.output)]
-    if values and np.ptp(np.concatenate(values)) == 0:
-        unit = next(r.unit(baseline.output) for r in records if r.has(baseline.output))
-        raise InputError(f"'{baseline.output}' never changes in the training records, so that there is nothing to "
-                         "explain", got=f"{values[0][0]:.6g} {unit} throughout",
-                         mend="check the sensor, or leave these files out")
-    motions = [r[role] for r in records for role in ("displacement", "velocity") if r.has(role)]
-    if motions and not any(np.ptp(x) for x in motions):
-        raise InputError("nothing moves in the training records", got="a constant displacement or velocity throughout",
-                         mend="check the sensor, or leave these files out")
-
-
 def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
              progress: Progress | None = None) -> Diagnosis:
     """Run the engine on a task; the notes list the preparation of the data.
@@ -219,8 +111,8 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     report_progress("auditing")
     given = audited = None
     if task.fitted:
-        given = {"training": _esr(baseline, prepared.training),
-                 "held_out": _esr(baseline, prepared.held_out) if prepared.held_out else None}
+        given = {"training": esr_as_given(baseline, prepared.training),
+                 "held_out": esr_as_given(baseline, prepared.held_out)}
         notes.append("the baseline's parameters were given; the search refits them with each candidate, so that a "
                      "wrong parameter is not taken for a cause" if baseline.vector.size else
                      "the baseline's parameters were given and stay as they are")
@@ -240,7 +132,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
         collect()
         give_back()
     extended = None if found.extended is None else _with_roles(
-        found.extended.remembering(prepared.training, _training_rows(task), SEARCH_SAMPLES), task)
+        found.extended.remembering(prepared.training, task.training_rows, SEARCH_SAMPLES), task)
     baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
     notes += _seen_rows(task)
     return replace(_with_channel_names(found, task.raw), audit=audited or audit_raw(), notes=(*found.notes, *notes),
@@ -262,10 +154,6 @@ def _with_channel_names(found: Diagnosis, records: Sequence[Record]) -> Diagnosi
                    weights=None if weights is None else replace(weights, where=own(weights.where)))
 
 
-def _listed(records: Record | Sequence[Record] | None) -> list[Record]:
-    return [] if records is None else as_records(records)
-
-
 def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     """The extended model with, in its metadata, the channel of the files for each of its roles."""
     raw = with_current(task.raw)[0]
@@ -273,20 +161,13 @@ def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     return replace(extended, metadata={**extended.metadata, **of_files(raw, names)})
 
 
-def _training_rows(task: DiagnosisTask) -> Sequence[Record]:
-    """The training records as read, where they have the baseline's output: resampled ones have other rows."""
-    raw = task.raw[:task.n_training]
-    return raw if all(r.has(task.baseline.output) for r in raw) else ()
-
-
 def _seen_rows(task: DiagnosisTask) -> tuple[str, ...]:
     """A note where held-out records hold rows of the training records."""
-    apart = task.raw[len(task.raw) if task.n_training is None else task.n_training:]
-    if not apart or not task.prepared.held_out:
+    apart, kept, output = task.raw[len(task.raw_training):], task.prepared.held_out, task.baseline.output
+    if not apart or not kept:
         return ()
-    output = task.baseline.output
-    known = TrainingRows.of(_training_rows(task) or task.prepared.training, output).to_dict()
-    label, notes = compared_rows({"training": {"rows": known}}, apart, task.prepared.held_out, output).labelled()
+    known = TrainingRows.of(task.training_rows or task.prepared.training, output).to_dict()
+    label, notes = compared_rows({"training": {"rows": known}}, apart, kept, output).labelled()
     return notes if label in (TRAINING, PARTLY) else ()
 
 
@@ -308,19 +189,7 @@ def _unused_note(baseline: Baseline, records: Sequence[Record]) -> list[str]:
     currents = [r["current"] for r in records]
     pooled = np.concatenate(currents)
     steps = float(np.mean(np.concatenate([np.diff(c) for c in currents]) ** 2))
-    if not steps / 2 < 0.5 * float(pooled.var()) > np.finfo(float).eps * float(np.mean(pooled**2)):
+    if not steps / 2 < 0.5 * float(pooled.var()) > EPS * float(np.mean(pooled**2)):
         return []
     return [f"the current moves between {pooled.min():.3g} and {pooled.max():.3g} and {baseline.name} does not read "
             f"it: its influence counts as error here, or as a cause. --baseline {AUTO} selects a law that reads it"]
-
-
-def _esr(baseline: Baseline, records: Sequence[Record]) -> float | None:
-    """Pooled free-run ESR at the baseline's own parameters; None where it diverges."""
-    error = power = 0.0
-    for record in records:
-        s = baseline.signals(record)
-        with np.errstate(all="ignore"):
-            e = (s.output - baseline.core(baseline.vector)(s))[baseline.start:]
-        y = s.output[baseline.start:]
-        error, power = error + float(e @ e), power + float(np.sum((y - y.mean()) ** 2))
-    return error / power if np.isfinite(error) and power > 0 else None

@@ -9,10 +9,10 @@ import numpy as np
 from lpvid.baselines.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Diagnosis, Errors, SetProbabilities
 from lpvid.diagnosis.localise import localise
-from lpvid.diagnosis.preparing import PreparedRecords
 from lpvid.diagnosis.problem import DiagnosisProblem, problem_of
 from lpvid.effects.composition import Composition
 from lpvid.effects.extended import ExtendedModel
+from lpvid.effects.preparing import PreparedRecords
 from lpvid.rounding import TINY
 
 

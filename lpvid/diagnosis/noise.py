@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.baselines.signals import Signals
-from lpvid.diagnosis.preparing import SHORTEST
+from lpvid.effects.preparing import SHORTEST
 from lpvid.rounding import EPS, HALF_DIGITS, TINY
 
 ALIKE = 0.02

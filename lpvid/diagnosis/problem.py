@@ -10,13 +10,13 @@ from gc import collect
 import numpy as np
 
 from lpvid._memory import give_back
-from lpvid._tall import ROWS
+from lpvid._tall import move_together
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Signals, in_turn
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.effects.composition import Composition
 from lpvid.record import Record
-from lpvid.rounding import EXPLODED, HALF_DIGITS
+from lpvid.rounding import EXPLODED
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class DiagnosisProblem:
         for k, (v, n) in enumerate(zip(values, self.blocks.number, strict=True)):
             keep = n >= 0
             if overwriting and len(self.blocks.number) == 1 and v.flags.c_contiguous:
-                return _moved_together(v, keep)
+                return move_together(v, keep)
             if not k:
                 out = np.empty((self.n_samples, *v.shape[1:]), dtype=v.dtype)
             last = first + int(np.count_nonzero(keep))
@@ -154,16 +154,6 @@ class DiagnosisProblem:
         return self.blocks.fold[self.block] == fold
 
 
-def _moved_together(values: np.ndarray, keep: np.ndarray) -> np.ndarray:
-    """The rows to keep as the first rows of the same array; numpy copies what a move overlaps, a few at a time."""
-    last = 0
-    for first in range(0, len(values), ROWS):
-        kept = values[first: first + ROWS][keep[first: first + ROWS]]
-        values[last: last + len(kept)] = kept
-        last += len(kept)
-    return values[:last]
-
-
 def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProblem:
     """The problem of diagnosing a baseline along records.
 
@@ -179,45 +169,3 @@ def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProble
     """
     signals = in_turn([baseline.signals(r) for r in records])
     return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
-
-
-def projector(jacobian: np.ndarray) -> np.ndarray:
-    """(N, r) orthonormal basis of the columns, those without weight left out.
-
-    Parameters
-    ----------
-    jacobian : (N, P) array
-        Finite.
-
-    Returns
-    -------
-    (N, r) array
-        Of singular values above `HALF_DIGITS` of the largest, each column first scaled to length one; (N, 0) where
-        all are zero.
-    """
-    norms = np.linalg.norm(jacobian, axis=0)
-    columns = jacobian[:, norms > 0] / norms[norms > 0]
-    if not columns.shape[1]:
-        return np.zeros((jacobian.shape[0], 0))
-    from scipy.linalg import svd
-
-    left, values, _ = svd(columns, full_matrices=False, lapack_driver="gesdd")
-    return left[:, values > HALF_DIGITS * values[0]]
-
-
-def without(basis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values less their projection on an orthonormal basis, twice for the digits.
-
-    Parameters
-    ----------
-    basis : (N, r) array
-    values : (N,) or (N, k) array
-
-    Returns
-    -------
-    (N,) or (N, k) array
-    """
-    if not basis.shape[1]:
-        return values
-    values = values - basis @ (basis.T @ values)
-    return values - basis @ (basis.T @ values)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid._projection import projector, without
 from lpvid.diagnosis.budgets import SIGN_PATTERNS
-from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
@@ -185,15 +186,13 @@ def start_vector(composition: Composition, fit: Refit, given: dict[str, np.ndarr
     (P,) array
         Neutral for any other effect.
     """
-    own = {e.name: fit.vector[p] for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
+    known = fit.composition.by_effect(fit.vector) | given
     vector = composition.neutral
     size = composition.baseline.vector.size
     vector[:size] = fit.vector[:size]
     for effect, place in zip(composition.effects, composition.places, strict=True):
-        if effect.name in given:
-            vector[place] = given[effect.name]
-        elif effect.name in own:
-            vector[place] = own[effect.name]
+        if effect.name in known:
+            vector[place] = known[effect.name]
     return vector
 
 
@@ -221,7 +220,7 @@ def screen(
     residual = without(projector(fit.free_jacobian), fit.errors)
     variance = max(float(residual @ residual) / max(residual.size - fit.vector.size, 1), TINY)
     visible = [d for d in found if d.visible]
-    by_effect: dict[str, ScreeningResult] = {}
+    out = []
     if visible:
         unit = np.column_stack([d.change / d.norm for d in visible])
         sums = problem.block_sums(unit * residual[:, None])
@@ -236,14 +235,12 @@ def screen(
     for effect in dict.fromkeys(d.effect for d in found):
         own = [k for k, d in enumerate(visible) if d.effect is effect]
         if not own:
-            by_effect[effect.name] = ScreeningResult(effect, 0.0, 1.0, None, None)
+            out.append(ScreeningResult(effect, 0.0, 1.0, None, None))
             continue
         best = max(own, key=lambda k: ratio[k])
-        p = float(p_values[own].min())
-        by_effect[effect.name] = ScreeningResult(effect, float(ratio[best]), p, visible[best],
-                                                 _smallest(effect, [visible[k] for k in own], variance,
-                                                           problem.n_samples))
-    return sorted(by_effect.values(), key=lambda e: -e.likelihood_ratio)
+        smallest = _smallest(effect, [visible[k] for k in own], variance, problem.n_samples)
+        out.append(ScreeningResult(effect, float(ratio[best]), float(p_values[own].min()), visible[best], smallest))
+    return sorted(out, key=lambda e: -e.likelihood_ratio)
 
 
 def _p_values(null: np.ndarray, observed: np.ndarray) -> np.ndarray:
@@ -253,12 +250,12 @@ def _p_values(null: np.ndarray, observed: np.ndarray) -> np.ndarray:
     and as exact as a single statistic. The studentised statistic detects what acts everywhere, whatever the
     distribution of the noise over the blocks; the likelihood ratio what acts in few blocks only.
     """
-    ordered = np.sort(null, axis=0)
-    size = len(null)
-    best = np.min([size - np.searchsorted(o, n, side="left") for o, n in zip(ordered.T, null.T, strict=True)], axis=0)
-    own = np.min([size - np.searchsorted(o, s, side="left") for o, s in zip(ordered.T, observed.T, strict=True)],
-                 axis=0)
-    return (1 + np.searchsorted(np.sort(best), own, side="right")) / (1 + size)
+    def ranks(values: np.ndarray) -> np.ndarray:
+        """The better of the ranks of either statistic among all patterns, 1 for the largest."""
+        columns = zip(np.sort(null, axis=0).T, values.T, strict=True)
+        return np.min([len(null) - np.searchsorted(ordered, v, side="left") for ordered, v in columns], axis=0)
+
+    return (1 + np.searchsorted(np.sort(ranks(null)), ranks(observed), side="right")) / (1 + len(null))
 
 
 def _smallest(effect: Effect, visible: Sequence[Direction], variance: float, n: int) -> float | None:

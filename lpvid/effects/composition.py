@@ -122,6 +122,20 @@ class Composition:
         whole = Composition(inner.baseline, tuple(e for e, _ in at.values()))
         return whole, np.array([*range(whole.own), *(k for e in whole.effects for k in at[e.name][1])], dtype=int)
 
+    def by_effect(self, vector: np.ndarray) -> dict[str, np.ndarray]:
+        """Parameters of each effect, by its name.
+
+        Parameters
+        ----------
+        vector : (P,) array
+
+        Returns
+        -------
+        dict of str to (k,) array
+            Views of the vector.
+        """
+        return {e.name: vector[place] for e, place in zip(self.effects, self.places, strict=True)}
+
     @property
     def members(self) -> frozenset[str]:
         """Names of the effects."""

@@ -111,7 +111,7 @@ class FleetLaw(ComposedBaseline):
             composition, place = composition.flat
             vector = vector[place]
         kept = Composition(composition.baseline, tuple(e for e in composition.effects if not e.flexible))
-        at = {e.name: vector[p] for e, p in zip(composition.effects, composition.places, strict=True)}
+        at = composition.by_effect(vector)
         vector = np.concatenate([vector[: kept.own], *(at[e.name] for e in kept.effects)])
         found = replace(found, composition=kept, vector=vector, covariance=np.full((vector.size, vector.size), np.nan))
         return cls(found, *found.composition.bounds, np.array(found.vector))
@@ -144,8 +144,8 @@ class FleetLaw(ComposedBaseline):
         return replace(self, at=np.asarray(vector, dtype=float))
 
     def candidates(self, catalogue: Sequence[Effect]) -> tuple[Effect, ...]:
-        places = {e.name: p for e, p in zip(self.inner.effects, self.inner.places, strict=True)}
-        return tuple(FleetEffect(e, self.shared.vector[places[e.name]]) if e.name in places else e for e in catalogue)
+        own = self.inner.by_effect(self.shared.vector)
+        return tuple(FleetEffect(e, own[e.name]) if e.name in own else e for e in catalogue)
 
     def to_dict(self) -> dict:
         return {"kind": "fleet", "shared": self.shared.to_dict(), "lower": encode(self.lower),

@@ -98,7 +98,7 @@ def shared_law(plan: FleetPlan, model: Path, version: str, some: Sequence[Job], 
     why : str
         What the last diagnosis that did not work states.
     """
-    from lpvid.diagnosis.facade import AUTO
+    from lpvid.diagnosis.task import AUTO
     from lpvid.effects.fleet_law import FleetLaw
     from lpvid.export.serialise import load, save
 

@@ -51,7 +51,7 @@ def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict
     own = {}
     if isinstance(composition.baseline, ComposedBaseline):
         inner = composition.baseline.inner
-        own = {e.name: found.vector[p] for e, p in zip(inner.effects, inner.places, strict=True)}
+        own = inner.by_effect(found.vector)
     for e, p in zip(composition.effects, composition.places, strict=True):
         count = e.strengths
         absent[p][:count] = own[e.name][:count] if e.name in own else e.neutral[:count]
@@ -65,15 +65,10 @@ def strengths(found: ExtendedModel, healthy: Sequence[Sequence[Record]]) -> dict
 
 def _refit(composition: Composition, starts: Sequence[np.ndarray], records: Sequence[Record]) -> np.ndarray:
     """Parameters of the best rough refit from these starts, on the thinned samples of a search."""
-    from lpvid.baselines.signals import in_turn
-    from lpvid.diagnosis.blocks import Blocks
-    from lpvid.diagnosis.evidence.thinning import for_search, thinned
-    from lpvid.diagnosis.facade import prepare_task
-    from lpvid.diagnosis.problem import DiagnosisProblem
+    from lpvid.diagnosis.evidence.thinning import search_problem
     from lpvid.diagnosis.refitting import refit
+    from lpvid.diagnosis.task import prepare_task
 
-    baseline = composition.baseline
-    thin, _ = thinned(prepare_task(records, baseline, composition.effects).prepared.training, baseline)
-    signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
+    task = prepare_task(records, composition.baseline, composition.effects)
+    problem, *_ = search_problem(task.prepared.training, composition.baseline)
     return min((refit(problem, composition, v, rough=True) for v in starts), key=lambda f: f.cost).vector

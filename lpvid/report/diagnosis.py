@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.facade import DiagnosisTask
+from lpvid.diagnosis.task import DiagnosisTask
 from lpvid.effects.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.report.courses import signal_traces

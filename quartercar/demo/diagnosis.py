@@ -14,7 +14,7 @@ from lpvid.report import Section
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.diagnosis import Diagnosis
-    from lpvid.diagnosis.facade import DiagnosisTask
+    from lpvid.diagnosis.task import DiagnosisTask
 
 HIDDEN = (("coil-lag", 0.5), ("coulomb-friction", 1.0), ("gas-stiffness", 1.5), ("asymmetry", 0.3))
 """causes of which the seed hides one, with strengths in units of the rig's"""
@@ -105,7 +105,8 @@ def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda
     HiddenCause
         The same for the same seed.
     """
-    from lpvid.diagnosis.facade import prepare_task, run_task
+    from lpvid.diagnosis.facade import run_task
+    from lpvid.diagnosis.task import prepare_task
     from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect
 
     name, strength = HIDDEN[int(np.random.default_rng([seed, 1]).integers(len(HIDDEN)))]

@@ -36,7 +36,7 @@ from scipy.stats import chi2
 import lpvid as lpv
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Signals
-from lpvid.diagnosis.facade import prepare_task
+from lpvid.diagnosis.task import prepare_task
 
 LIMIT = 6
 """causes after which a forward selection stops: nobody hides more than two"""

@@ -25,10 +25,10 @@ import numpy as np  # noqa: E402
 import lpvid as lpv  # noqa: E402
 from lpvid.baselines.named import named_baseline  # noqa: E402
 from lpvid.diagnosis.evidence.engine import usable_of  # noqa: E402
-from lpvid.diagnosis.preparing import prepare  # noqa: E402
 from lpvid.diagnosis.problem import DiagnosisProblem, problem_of  # noqa: E402
 from lpvid.diagnosis.refitting import descend  # noqa: E402
 from lpvid.effects.composition import Composition  # noqa: E402
+from lpvid.effects.preparing import prepare  # noqa: E402
 from lpvid.effects.scaling import Scales  # noqa: E402
 from lpvid.record import Record  # noqa: E402
 from quartercar.effects import CATALOGUE  # noqa: E402

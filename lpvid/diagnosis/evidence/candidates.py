@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from lpvid._projection import projector
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.budgets import CHILDREN, CHILDREN_PER_KIND, REFITTED_STARTS, SCREENED_POINTS, SIMULATED
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.priors import inclusion_prior
 from lpvid.diagnosis.evidence.relations import LAGGING
 from lpvid.diagnosis.evidence.visited import VisitedSets
-from lpvid.diagnosis.problem import projector
 from lpvid.diagnosis.screening import CandidateChange, Direction, candidate_change, directions, start_vector
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect

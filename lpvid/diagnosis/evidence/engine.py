@@ -12,8 +12,7 @@ from lpvid._memory import give_back
 from lpvid._threads import single_thread
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
-from lpvid.baselines.signals import Signals, in_turn
-from lpvid.diagnosis.blocks import Blocks
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.evidence.calibration import component_support
@@ -22,7 +21,7 @@ from lpvid.diagnosis.evidence.laplace import EvidenceData
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SelectedSet, on_all_samples, select_set
-from lpvid.diagnosis.evidence.thinning import for_search, thinned
+from lpvid.diagnosis.evidence.thinning import search_problem
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import noise_level
@@ -195,12 +194,9 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
         Not yet run, on few samples.
     unusable : tuple of CannotTell
     """
-    thin, factor = thinned(records, baseline)
+    problem, recorded, factor = search_problem(records, baseline)
     if factor > 1:
         report_progress(f"searching on one sample in {factor}")
-    recorded = in_turn([baseline.signals(r) for r in thin])
-    signals = for_search(recorded, baseline.static)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     usable, unusable = usable_of(catalogue, baseline, recorded)  # not joined: constant currents would vary
     scale = Scales.of(problem.signals).size
     grid_points = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from lpvid._projection import projector, without
 from lpvid.diagnosis.budgets import BEAM_WIDTH, ITERATIONS, MOST_MEMBERS, MOST_STARTS, REFITTED_STARTS
 from lpvid.diagnosis.evidence.candidates import (
     MOST_DEFICIT,
@@ -21,7 +22,6 @@ from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUC
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.visited import VisitedSets, posterior
-from lpvid.diagnosis.problem import projector, without
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import Direction, start_vector
 from lpvid.diagnosis.start_points import start_points

@@ -9,13 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid.baselines.baseline import Baseline
-from lpvid.baselines.signals import Signals, SignalStretch
+from lpvid.baselines.signals import Signals, SignalStretch, in_turn
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.bandwidth import PASSED
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
-from lpvid.diagnosis.blocks import SHORTEST, START_UP
+from lpvid.diagnosis.blocks import SHORTEST, START_UP, Blocks
 from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.effects.scaling import Scales
 from lpvid.record import Record
 from lpvid.rounding import TINY
@@ -29,6 +30,30 @@ FEWEST_STRETCHES = 4
 TRANSITION = START_UP / 2
 """time at the head of a stretch of a smooth transition from the one before [s]; in the rest of the start-up its
 transient decays"""
+
+
+def search_problem(records: Sequence[Record], baseline: Baseline
+                   ) -> tuple[DiagnosisProblem, tuple[Signals, ...], int]:
+    """The problem of a search: few samples of the records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, one rate.
+    baseline : Baseline
+
+    Returns
+    -------
+    problem : DiagnosisProblem
+    recorded : tuple of Signals
+        One for each record, on the clock of the problem, not cut together.
+    factor : int
+        Of decimation.
+    """
+    thin, factor = thinned(records, baseline)
+    recorded = in_turn([baseline.signals(r) for r in thin])
+    signals = for_search(recorded, baseline.static)
+    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start)), recorded, factor
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:

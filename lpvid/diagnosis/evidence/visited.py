@@ -9,12 +9,13 @@ from typing import TypeVar
 import numpy as np
 
 from lpvid._forks import in_forks
+from lpvid._projection import without
 from lpvid.diagnosis.budgets import COARSE_ITERATIONS, NEAR_ITERATIONS
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
 from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.priors import misfit_prior
 from lpvid.diagnosis.evidence.relations import compatible
-from lpvid.diagnosis.problem import DiagnosisProblem, without
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, descend, refined_by_trial
 from lpvid.diagnosis.screening import start_vector
 from lpvid.effects.composition import Composition

@@ -23,10 +23,11 @@ from lpvid.baselines.signals import Signals
 from lpvid.condition.derivation import derived
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
-from lpvid.diagnosis.facade import _seen_rows, _with_channel_names, prepare_task, run_task
+from lpvid.diagnosis.facade import _seen_rows, _with_channel_names, run_task
 from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
+from lpvid.diagnosis.task import prepare_task
 from lpvid.effects.catalogues import catalogue
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange

@@ -29,11 +29,12 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
+from lpvid._projection import projector, without
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.localise import _after_reversal, localise
-from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
 from lpvid.diagnosis.screening import DETECTABLE_RATIO, ScreeningResult, candidate_change, directions, screen

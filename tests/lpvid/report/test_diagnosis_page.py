@@ -10,8 +10,8 @@ import pytest
 from helpers.toy_diagnosis import Bent, Dry, record
 
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.facade import DiagnosisTask
-from lpvid.diagnosis.preparing import PreparedRecords
+from lpvid.diagnosis.task import DiagnosisTask
+from lpvid.effects.preparing import PreparedRecords
 from lpvid.plot.diagnosis import BeforeAfter, close_up, error_maps, error_shapes
 from lpvid.plot.style import figure_of
 from lpvid.record import Record

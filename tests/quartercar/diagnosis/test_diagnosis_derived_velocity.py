@@ -11,7 +11,7 @@ import lpvid as lpv
 from lpvid.baselines.signals import Signals
 from lpvid.baselines.spectra import before_filter
 from lpvid.condition import differentiate
-from lpvid.diagnosis.preparing import prepare
+from lpvid.effects.preparing import prepare
 from lpvid.record import Record
 from quartercar.dampers import fit
 from quartercar.dampers.laws.linear import Linear

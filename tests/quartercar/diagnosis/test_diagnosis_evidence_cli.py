@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.diagnosis.automatic import Law, _fewer
-from lpvid.diagnosis.facade import prepare_task
+from lpvid.diagnosis.task import prepare_task
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.effects import CATALOGUE

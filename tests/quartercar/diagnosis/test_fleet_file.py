@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import lpvid as lpv
-from lpvid.diagnosis.facade import prepare_task
+from lpvid.diagnosis.task import prepare_task
 from lpvid.effects.composition import Composition
 from lpvid.effects.extended import ExtendedModel
 from lpvid.effects.fleet_law import FleetEffect, FleetLaw

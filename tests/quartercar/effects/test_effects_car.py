@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from lpvid._projection import projector, without
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.problem import projector, without
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect

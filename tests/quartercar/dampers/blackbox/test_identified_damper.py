@@ -143,7 +143,7 @@ def test_the_model_keeps_the_ranges_and_roles_of_its_training_data():
 
 
 def test_a_diagnosis_calls_its_signals_by_their_roles_so_that_effects_meet_them():
-    from lpvid.diagnosis.facade import prepare_task
+    from lpvid.diagnosis.task import prepare_task
 
     record = run()
     plain = Record({n: record[n] for n in ("velocity", "voltage", "force")}, 1 / RATE,
