@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -72,29 +73,30 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
         Of variance None where fewer samples repeat than two of the shortest pieces have.
     """
     squares, count, stated = 0.0, 0, []
-    for a in range(len(signals)):
-        for b in range(a + 1, len(signals)):
-            n = min(signals[a].n_samples, signals[b].n_samples)
-            if _alike(signals[a], signals[b], channels, slice(0, n), slice(0, n)):
-                keep = masks[a][:n] & masks[b][:n]
-                squares += float(np.sum((signals[a].output[:n] - signals[b].output[:n])[keep] ** 2)) / 2
-                count += int(keep.sum())
-                stated.append(f"{signals[a].name} repeats {signals[b].name}")
+
+    def repeats(difference: np.ndarray, text: str) -> None:
+        nonlocal squares, count
+        squares += float(np.sum(difference**2)) / 2
+        count += difference.size
+        stated.append(text)
+
+    for (a, m), (b, k) in combinations(zip(signals, masks, strict=True), 2):
+        n = min(a.n_samples, b.n_samples)
+        if _alike(a, b, channels, n):
+            repeats((a.output[:n] - b.output[:n])[m[:n] & k[:n]], f"{a.name} repeats {b.name}")
     for s, m in zip(signals, masks, strict=True):
-        lag = _period(s, channels)
-        if lag:
-            keep = m[:-lag] & m[lag:]
-            squares += float(np.sum((s.output[:-lag] - s.output[lag:])[keep] ** 2)) / 2
-            count += int(keep.sum())
-            stated.append(f"{s.name} repeats after {lag * s.sample_time:.3g} s")
+        if lag := _period(s, channels):
+            repeats((s.output[:-lag] - s.output[lag:])[m[:-lag] & m[lag:]],
+                    f"{s.name} repeats after {lag * s.sample_time:.3g} s")
     if count < 2 * SHORTEST:
         return NoiseLevel(None, 0, "no input repeats, so the noise level is only bounded by the best model")
     return NoiseLevel(squares / count, count, "; ".join(stated[:3]) + (" …" if len(stated) > 3 else ""))
 
 
-def _alike(a: Signals, b: Signals, channels: Sequence[str], at: slice, bt: slice) -> bool:
+def _alike(a: Signals, b: Signals, channels: Sequence[str], n: int) -> bool:
+    """Whether the first n samples of two records have the same inputs."""
     for name in channels:
-        x, y = a[name][at], b[name][bt]
+        x, y = a[name][:n], b[name][:n]
         spread = max(float(np.std(x)), float(np.std(y)), EPS * float(np.abs(x).max(initial=0.0)))
         if spread > 0 and float(np.sqrt(np.mean((x - y) ** 2))) > ALIKE * spread:
             return False

@@ -188,7 +188,7 @@ class Effect(ABC):
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that it has no useful derivative"""
     flexible: ClassVar[bool] = False
-    """whether it is so general that its prior probability is lower (`evidence.priors.FORM_PROBABILITY`)"""
+    """whether it is so general that its prior probability is lower"""
     visible: ClassVar[bool] = False
     """whether it is a candidate only where the samples show it before any fit, so that it is more probable than not"""
     placement_of: ClassVar[str] = ""
