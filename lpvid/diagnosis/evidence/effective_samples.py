@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.rounding import TINY
 
 STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
@@ -67,20 +68,23 @@ def kappa_of(structured: float, samples: int, alpha: float) -> float:
     return 1 / max((1 - structured) + structured * samples / alpha, 1.0)
 
 
-def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES
-                      ) -> EffectiveSamples:
+def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], carried: np.ndarray | None = None,
+                      alpha: float = STRUCTURED_SAMPLES) -> EffectiveSamples:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
-    p is the share of the error beyond the noise floor. The floor is white noise at the level that the error has in the
-    band without motion. All else is a misfit of the law, or noise too slow to be distinguished from one. Each sample of
-    white noise counts as independent, a misfit as α samples in all. Repeats give no floor: where their inputs differ by
-    a per cent, so do their outputs.
+    p is the share of the error beyond the noise floor, S(f) = a S_c(f) + b: the noise of the motion sensors that the
+    model carries to its output, of spectrum S_c and at most as much of it as the error holds in the bands where it
+    holds least of it (a ≤ 1), and white noise at the level that the rest has in the band without motion. All else is a
+    misfit of the law, or noise too slow to be distinguished from one. Each sample of noise counts as independent, a
+    misfit as α samples in all. Repeats give no floor: where their inputs differ by a per cent, so do their outputs.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
+    carried : (N,) array, optional
+        Change of the output by as much noise of the motion sensors again; none where absent.
     alpha : float
         α.
 
@@ -94,8 +98,13 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     if not total > 0:
         return EffectiveSamples(1.0, 0.0, 0.0)
     power, count = _spectrum(problem, stacked)
-    white = min(_lowest(power, count) / float(power.mean()), 1.0)
-    return EffectiveSamples(kappa_of(1 - white, problem.n_samples, alpha), 1 - white, white * total)
+    floor = np.zeros_like(power)
+    if carried is not None and np.any(carried):
+        of_sensors = np.maximum(_spectrum(problem, carried)[0], TINY)
+        floor = min(_lowest(power / of_sensors, count), 1.0) * of_sensors
+    white = _lowest(np.maximum(power - floor, 0.0), count)
+    noise = min((float(floor.mean()) + white) / float(power.mean()), 1.0)
+    return EffectiveSamples(kappa_of(1 - noise, problem.n_samples, alpha), 1 - noise, noise * total)
 
 
 def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:

@@ -20,6 +20,7 @@ from lpvid.diagnosis.evidence.priors import (
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.spectra import noisier
 from lpvid.rounding import EXPLODED, HALF_DIGITS, STEP, TINY
 from lpvid.validation.trust import QUANTILE
 
@@ -80,6 +81,14 @@ class EvaluatedSet:
         places = self.fit.composition.places
         return tuple(component_of(e, self.fit.vector[p], self.data.problem.signals, self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
+
+    @cached_property
+    def carried_noise(self) -> np.ndarray:
+        """(N,) change of the output by as much noise of the motion sensors again, at the fitted parameters."""
+        composition, vector, rng = self.fit.composition, self.fit.vector, np.random.default_rng(0)
+        changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
+                   for s in self.data.problem.signals]
+        return self.data.problem.stack(changes)
 
     @cached_property
     def projected_error(self) -> np.ndarray:
