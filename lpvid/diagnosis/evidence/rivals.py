@@ -149,9 +149,9 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
     family: a play and a spring have the effect of a dead zone of the force, and the filter rounds the kinks of a play
     as a spring would. Because of the additional parameters they must reach a lower error, with the filter lower than
     the best set beside the same filter. An effect that achieves less than half of the reduction, in the logarithm of
-    the error, is no rival; nor is a pair of which one effect alone is a rival. Nor is a flexible form that describes
-    the effect too (`Effect.stands_for`): what contains the effect leaves no more error whatever the truth, so that its
-    error decides nothing. The evidence compares the two, by the volume of the form's parameters.
+    the error, is no rival; nor is a pair of which one effect alone is a rival. Nor is what contains the effect
+    (`Effect.contains`), or a flexible form that describes it too (`Effect.stands_for`): it leaves no more error
+    whatever the truth, so that its error decides nothing. The evidence compares the two, by the volume of the parameters.
     """
     found: dict[str, float] = {}
     samples, component = search.kappa * search.problem.n_samples, best.components[best.effects.index(effect)]
@@ -161,7 +161,7 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
         larger = len(w.members) > len(best.members)
         if (not names.isdisjoint(found) if larger else not related(effect, others[0][0])) or \
                 any(e.flexible and k == e.name and not related(effect, e) for e, k in others) or \
-                any(_describes(w, e, {effect.name, component}) for e, _ in others):
+                any(_contains(w, e, {effect.name, component}) for e, _ in others):
             continue
         lagging = any(e.path in LAGGING for e, _ in others)
         cost = _cost_without_sensor_noise if lagging else _cost
@@ -203,10 +203,11 @@ def _with_same_filter(search: SetSearch, best: EvaluatedSet, w: EvaluatedSet, co
     return min([best, *(search.refitted_with(best, e, v) for e, v in filters)], key=cost)
 
 
-def _describes(w: EvaluatedSet, form: Effect, names: Collection[str]) -> bool:
-    """Whether a flexible member of a set describes one of some effects too, at its fitted parameters."""
-    values = w.fit.vector[w.fit.composition.places[w.effects.index(form)]]
-    return form.flexible and not set(names).isdisjoint(form.stands_for(values, w.data.problem.signals))
+def _contains(w: EvaluatedSet, larger: Effect, names: Collection[str]) -> bool:
+    """Whether a member of a set contains one of some effects, or is a form that describes it at its fitted values."""
+    values = w.fit.vector[w.fit.composition.places[w.effects.index(larger)]]
+    described = larger.stands_for(values, w.data.problem.signals) if larger.flexible else ()
+    return not set(names).isdisjoint((*larger.contains, *described))
 
 
 def _cost(w: EvaluatedSet) -> float:

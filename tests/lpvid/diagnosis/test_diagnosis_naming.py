@@ -143,7 +143,7 @@ def of_cost(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> Sim
 def part(name: str, family: str = "else", **more: object) -> SimpleNamespace:
     """The attributes of an effect that rivals read."""
     return SimpleNamespace(**{"name": name, "component": name, "family": family, "path": "", "flexible": False,
-                              "partners": (), "stands_for": lambda values, signals: (), **more})
+                              "partners": (), "contains": (), "stands_for": lambda values, signals: (), **more})
 
 
 PLAY, SPRING, RELATED = part("play", partners=("spring",)), part("spring"), part("related", "loose")
@@ -163,6 +163,7 @@ PLAY, SPRING, RELATED = part("play", partners=("spring",)), part("spring"), part
     (of_cost(1.2, part("form", "loose", flexible=True)), ["form"]),
     (of_cost(0.9, part("form", "loose", flexible=True, stands_for=lambda v, s: ("dead-zone",))), []),  # it contains it
     (of_cost(0.9, part("other", "loose", stands_for=lambda v, s: ("dead-zone",))), ["other"]),  # a component
+    (of_cost(0.9, part("other", "loose", contains=("dead-zone",))), []),
 ])
 def test_effects_that_can_replace_one_at_nearly_the_same_error_are_listed(other, wanted):
     assert _rivals_beside(of_cost(1.0, part("dead-zone", "loose")), other) == wanted
