@@ -151,7 +151,7 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
     the best set beside the same filter. An effect that achieves less than half of the reduction, in the logarithm of
     the error, is no rival; nor is a pair of which one effect alone is a rival. Nor is what contains the effect
     (`Effect.contains`), or a flexible form that describes it too (`Effect.stands_for`): it leaves no more error
-    whatever the truth, so that its error decides nothing. The evidence compares the two, by the volume of the parameters.
+    whatever the truth, so that its error decides nothing. The evidence compares the two by their parameters' volume.
     """
     found: dict[str, float] = {}
     samples, component = search.kappa * search.problem.n_samples, best.components[best.effects.index(effect)]
