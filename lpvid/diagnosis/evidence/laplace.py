@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
+from lpvid.diagnosis.evidence.effective_samples import NoiseFloor, noise_floor
 from lpvid.diagnosis.evidence.priors import (
     determined_count,
     deviation_penalty,
@@ -89,6 +90,11 @@ class EvaluatedSet:
         changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
                    for s in self.data.problem.signals]
         return self.data.problem.stack(changes)
+
+    @cached_property
+    def noise_floor(self) -> NoiseFloor:
+        """Noise in its error."""
+        return noise_floor(self.data.problem, self.fit.errors, self.carried_noise)
 
     @cached_property
     def projected_error(self) -> np.ndarray:

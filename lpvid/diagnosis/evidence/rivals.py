@@ -11,7 +11,7 @@ from lpvid.diagnosis.evidence.calibration import Matcher, Support, match_compone
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.rounding import EPS, EXPLODED, TINY
+from lpvid.rounding import EPS, TINY
 from lpvid.validation.trust import LEVEL
 
 NAMED_PROBABILITY = 2 / 3
@@ -229,9 +229,8 @@ def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, 
 
 
 def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
-    """Squared error of a set less the part due to noise of the motion sensors: the change by as much noise again."""
-    carried = float(np.sum(np.minimum(w.carried_noise**2, EXPLODED)))
-    return max(w.fit.cost - carried, EPS * w.fit.cost, TINY)
+    """Squared error of a set less the part that is noise of the motion sensors."""
+    return max(w.fit.cost - w.data.problem.n_samples * w.noise_floor.carried, EPS * w.fit.cost, TINY)
 
 
 def match_names(*names: str) -> Matcher:
