@@ -167,6 +167,7 @@ class SeriesOrifice(HydraulicEffect):
     experiment: ClassVar[str] = "triangles up to well beyond the knee: the force changes from concave to convex"
     smooth: ClassVar[bool] = False
     rugged: ClassVar[str] = "onset"
+    contains: ClassVar[tuple[str, ...]] = ("quadratic-loss",)  # it opens at once
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

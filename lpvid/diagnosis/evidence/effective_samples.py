@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.rounding import TINY
 
 STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
@@ -67,20 +68,68 @@ def kappa_of(structured: float, samples: int, alpha: float) -> float:
     return 1 / max((1 - structured) + structured * samples / alpha, 1.0)
 
 
-def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES
-                      ) -> EffectiveSamples:
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Noise in an error, at most as much as the error holds: variances, in the output's unit squared.
+
+    Attributes
+    ----------
+    white, carried : float
+        Of white noise, and of the noise of the motion sensors that the model carries to its output.
+    """
+
+    white: float
+    carried: float
+
+
+def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarray | None = None) -> NoiseFloor:
+    """Noise in an error of the spectrum S: a S_c(f) + b.
+
+    S_c is the spectrum of the motion sensors' noise at the model's output. As much of it is counted as the error holds
+    where it holds least of it: a is the ratio S/S_c in the quarter of the band where that is lowest, at most one. b is
+    the level that the rest has in the quarter of the band where it has least: that without motion.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    error : (N,) array
+        In the output's unit, one record after the other.
+    carried : (N,) array, optional
+        Change of the output by as much noise of the motion sensors again; none where absent.
+
+    Returns
+    -------
+    NoiseFloor
+        Nothing where there is no error.
+    """
+    total = float(np.mean(error**2))
+    if not total > 0:
+        return NoiseFloor(0.0, 0.0)
+    power, count = _spectrum(problem, error)
+    of_sensors = np.zeros_like(power)
+    if carried is not None and np.any(carried):
+        carried_power = np.maximum(_spectrum(problem, carried)[0], TINY)
+        of_sensors = min(_lowest(power / carried_power, count), 1.0) * carried_power
+    white, scale = _lowest(np.maximum(power - of_sensors, 0.0), count), total / float(power.mean())
+    share = min(float(of_sensors.mean()) * scale, total)
+    return NoiseFloor(min(white * scale, total - share), share)
+
+
+def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], carried: np.ndarray | None = None,
+                      alpha: float = STRUCTURED_SAMPLES) -> EffectiveSamples:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
-    p is the share of the error beyond the noise floor. The floor is white noise at the level that the error has in the
-    band without motion. All else is a misfit of the law, or noise too slow to be distinguished from one. Each sample of
-    white noise counts as independent, a misfit as α samples in all. Repeats give no floor: where their inputs differ by
-    a per cent, so do their outputs.
+    p is the share of the error beyond the noise floor. All of it is a misfit of the law, or noise too slow to be
+    distinguished from one. Each sample of noise counts as independent, a misfit as α samples in all. Repeats give no
+    floor: where their inputs differ by a per cent, so do their outputs.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
+    carried : (N,) array, optional
+        As of `noise_floor`.
     alpha : float
         α.
 
@@ -93,9 +142,10 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     total = float(np.mean(stacked**2))
     if not total > 0:
         return EffectiveSamples(1.0, 0.0, 0.0)
-    power, count = _spectrum(problem, stacked)
-    white = min(_lowest(power, count) / float(power.mean()), 1.0)
-    return EffectiveSamples(kappa_of(1 - white, problem.n_samples, alpha), 1 - white, white * total)
+    floor = noise_floor(problem, stacked, carried)
+    noise = floor.white + floor.carried
+    structured = 1 - noise / total
+    return EffectiveSamples(kappa_of(structured, problem.n_samples, alpha), structured, noise)
 
 
 def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:

@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import noisier
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
+from lpvid.diagnosis.evidence.effective_samples import NoiseFloor, noise_floor
 from lpvid.diagnosis.evidence.priors import (
     determined_count,
     deviation_penalty,
@@ -80,6 +82,19 @@ class EvaluatedSet:
         places = self.fit.composition.places
         return tuple(component_of(e, self.fit.vector[p], self.data.problem.signals, self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
+
+    @cached_property
+    def carried_noise(self) -> np.ndarray:
+        """(N,) change of the output by as much noise of the motion sensors again, at the fitted parameters."""
+        composition, vector, rng = self.fit.composition, self.fit.vector, np.random.default_rng(0)
+        changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
+                   for s in self.data.problem.signals]
+        return self.data.problem.stack(changes)
+
+    @cached_property
+    def noise_floor(self) -> NoiseFloor:
+        """Noise in its error."""
+        return noise_floor(self.data.problem, self.fit.errors, self.carried_noise)
 
     @cached_property
     def projected_error(self) -> np.ndarray:

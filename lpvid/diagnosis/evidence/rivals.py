@@ -6,13 +6,12 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from lpvid.baselines.spectra import noisier
 from lpvid.diagnosis.evidence.calibration import Matcher, Support, match_component
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.effects.effect import Effect
-from lpvid.rounding import EPS, EXPLODED, TINY
+from lpvid.rounding import EPS, TINY
 from lpvid.validation.trust import LEVEL
 
 NAMED_PROBABILITY = 2 / 3
@@ -150,7 +149,9 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
     family: a play and a spring have the effect of a dead zone of the force, and the filter rounds the kinks of a play
     as a spring would. Because of the additional parameters they must reach a lower error, with the filter lower than
     the best set beside the same filter. An effect that achieves less than half of the reduction, in the logarithm of
-    the error, is no rival; nor is a pair of which one effect alone is a rival.
+    the error, is no rival; nor is a pair of which one effect alone is a rival. Nor is what contains the effect
+    (`Effect.contains`), or a flexible form that describes it too (`Effect.stands_for`): it leaves no more error
+    whatever the truth, so that its error decides nothing. The evidence compares the two by their parameters' volume.
     """
     found: dict[str, float] = {}
     samples, component = search.kappa * search.problem.n_samples, best.components[best.effects.index(effect)]
@@ -159,7 +160,8 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
         names = {e.name for e, _ in others}
         larger = len(w.members) > len(best.members)
         if (not names.isdisjoint(found) if larger else not related(effect, others[0][0])) or \
-                any(e.flexible and k == e.name and not related(effect, e) for e, k in others):
+                any(e.flexible and k == e.name and not related(effect, e) for e, k in others) or \
+                any(_contains(w, e, {effect.name, component}) for e, _ in others):
             continue
         lagging = any(e.path in LAGGING for e, _ in others)
         cost = _cost_without_sensor_noise if lagging else _cost
@@ -201,6 +203,13 @@ def _with_same_filter(search: SetSearch, best: EvaluatedSet, w: EvaluatedSet, co
     return min([best, *(search.refitted_with(best, e, v) for e, v in filters)], key=cost)
 
 
+def _contains(w: EvaluatedSet, larger: Effect, names: Collection[str]) -> bool:
+    """Whether a member of a set contains one of some effects, or is a form that describes it at its fitted values."""
+    values = w.fit.vector[w.fit.composition.places[w.effects.index(larger)]]
+    described = larger.stands_for(values, w.data.problem.signals) if larger.flexible else ()
+    return not set(names).isdisjoint((*larger.contains, *described))
+
+
 def _cost(w: EvaluatedSet) -> float:
     return max(w.fit.cost, TINY)
 
@@ -220,17 +229,8 @@ def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, 
 
 
 def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
-    """Squared error of a set less the part due to noise of the motion sensors: the change by as much noise again."""
-    problem, composition, vector = w.data.problem, w.fit.composition, w.fit.vector
-
-    def find() -> float:
-        rng = np.random.default_rng(0)
-        changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
-                   for s in problem.signals]
-        carried = float(np.sum(np.minimum(problem.stack(changes) ** 2, EXPLODED)))
-        return max(w.fit.cost - carried, EPS * w.fit.cost, TINY)
-
-    return w.fit.cached("without noise", find)
+    """Squared error of a set less the part that is noise of the motion sensors."""
+    return max(w.fit.cost - w.data.problem.n_samples * w.noise_floor.carried, EPS * w.fit.cost, TINY)
 
 
 def match_names(*names: str) -> Matcher:

@@ -113,6 +113,26 @@ def test_the_floor_is_not_free_to_take_up_slow_noise():
     assert floor < effective_samples(problem, [noise]).floor < 1.5 * floor
 
 
+@pytest.mark.parametrize(("louder", "wave"), [(1.0, 0.0), (3.0, 0.0), (1.0, 1.0), (3.0, 1.0)])
+def test_sensor_noise_that_the_model_carries_is_no_structure(louder, wave):
+    """Noise of a derived velocity: white noise differenced. Its level is bounded by the error; its shape is given."""
+    rng = np.random.default_rng(3)
+    noise, again = (np.diff(rng.standard_normal(12001)) for _ in range(2))
+    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
+    slow = wave * np.sin(0.05 * np.arange(12000))
+    found = effective_samples(problem, [noise + slow], louder * problem.stack([again]))
+    wanted = wave**2 / 2 / (2 + wave**2 / 2)  # a difference of unit white noise has the variance 2
+    assert np.isclose(found.structured, wanted, atol=0.1)
+    assert effective_samples(problem, [noise + slow]).structured > 0.8  # by its colour alone
+
+
+def test_noise_that_the_error_does_not_hold_is_no_part_of_the_floor():
+    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
+    error = [np.sin(0.05 * np.arange(12000))]
+    carried = problem.stack([np.random.default_rng(3).standard_normal(12000)])
+    assert effective_samples(problem, error, carried).structured > 0.99
+
+
 def test_an_error_that_is_all_structure_counts_as_few_samples():
     problem, _ = problem_of(record(np.random.default_rng(2)))
     found = effective_samples(problem, [np.tanh(3 * s["u"]) ** 2 for s in problem.signals])

@@ -135,14 +135,15 @@ def test_air_without_pressure_on_all_samples_is_play(pressure, name):
 def of_cost(cost: float, *effects: SimpleNamespace, bounds: bool = False) -> SimpleNamespace:
     """A visited set of given cost."""
     fit = SimpleNamespace(cost=cost, vector=np.zeros(0), composition=SimpleNamespace(places=[slice(0)] * len(effects)))
-    return SimpleNamespace(effects=effects, components=tuple(e.name for e in effects), fit=fit,
+    data = SimpleNamespace(problem=SimpleNamespace(signals=()))
+    return SimpleNamespace(effects=effects, components=tuple(e.name for e in effects), fit=fit, data=data,
                            members=frozenset(e.name for e in effects), at_bounds={"a": "1"} if bounds else {})
 
 
 def part(name: str, family: str = "else", **more: object) -> SimpleNamespace:
     """The attributes of an effect that rivals read."""
     return SimpleNamespace(**{"name": name, "component": name, "family": family, "path": "", "flexible": False,
-                              "partners": (), **more})
+                              "partners": (), "contains": (), "stands_for": lambda values, signals: (), **more})
 
 
 PLAY, SPRING, RELATED = part("play", partners=("spring",)), part("spring"), part("related", "loose")
@@ -160,6 +161,9 @@ PLAY, SPRING, RELATED = part("play", partners=("spring",)), part("spring"), part
     (of_cost(1.2, RELATED, bounds=True), []),
     (of_cost(0.9, part("form", flexible=True)), []),
     (of_cost(1.2, part("form", "loose", flexible=True)), ["form"]),
+    (of_cost(0.9, part("form", "loose", flexible=True, stands_for=lambda v, s: ("dead-zone",))), []),  # it contains it
+    (of_cost(0.9, part("other", "loose", stands_for=lambda v, s: ("dead-zone",))), ["other"]),  # a component
+    (of_cost(0.9, part("other", "loose", contains=("dead-zone",))), []),
 ])
 def test_effects_that_can_replace_one_at_nearly_the_same_error_are_listed(other, wanted):
     assert _rivals_beside(of_cost(1.0, part("dead-zone", "loose")), other) == wanted
