@@ -30,6 +30,8 @@ MODULES: Mapping[str, str] = {
     "lpvid.plot": "Figures of lpvid",
     "lpvid.condition": "Conditioning of records",
     "lpvid.excitation": "Excitation signals",
+    "lpvid.effects": "Effects of one's own",
+    "lpvid.baselines": "Baselines of one's own",
     "quartercar.dampers": "Damper models",
     "quartercar.rig": "The virtual rig",
     "quartercar.roads": "Roads",

@@ -6,6 +6,6 @@
 from __future__ import annotations
 
 from lpvid.baselines.baseline import Baseline, Coefficient
-from lpvid.baselines.signals import Core, Signals
+from lpvid.baselines.signals import Signals
 
-__all__ = ["Baseline", "Coefficient", "Core", "Signals"]
+__all__ = ["Baseline", "Coefficient", "Signals"]
