@@ -13,7 +13,7 @@ from lpvid.diagnosis.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import is_constant
 from quartercar.effects.force_output import no_force
-from quartercar.effects.friction_gas import SLOW
+from quartercar.effects.viscous import SLOW
 
 
 class CurrentDependence(Effect):

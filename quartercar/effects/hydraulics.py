@@ -17,12 +17,10 @@ from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.resonances import natural_frequencies
 from quartercar.effects.second_order import second_order
 from quartercar.effects.series import in_series
-from quartercar.effects.viscous import FASTEST, measured_slope, speed_quantiles, viscous_slope
+from quartercar.effects.viscous import FASTEST, SLOW, measured_slope, speed_quantiles, viscous_slope
 
 UNIT_SPEED = 0.1
 """speed at which the exponent of the viscous share does not change the force [m/s]"""
-DRY = 0.02
-"""share of the top speed up to which the force of a law counts as dry friction"""
 ONSETS = (0.1, 0.35, 0.6, 0.8, 0.92)
 """quantiles of the speed at which the onset of an orifice is screened"""
 
@@ -290,7 +288,7 @@ class NetworkTopology(HydraulicEffect):
 def _hydraulic_force(s: Signals, core: Core) -> np.ndarray:
     """(n,) force of an odd law less its dry friction, the force at the lowest speeds."""
     v = s["velocity"]
-    slow = np.clip(v, *(DRY * float(np.abs(v).max()) * np.array([-1.0, 1.0])))
+    slow = np.clip(v, *(SLOW * float(np.abs(v).max()) * np.array([-1.0, 1.0])))
     parts = [core(s.replace(velocity=sign * x)) * sign * share for x, share in ((v, 0.5), (slow, -0.5))
              for sign in (1.0, -1.0)]
     return np.sum(parts, axis=0)

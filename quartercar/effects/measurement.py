@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import factorial
 from typing import ClassVar
 
 import numpy as np
@@ -20,8 +21,6 @@ DELAY = EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001,
 """by which a channel is recorded later than another"""
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
-BESSEL = (0.7235, 1.0944)
-"""damping of the pair of poles of Bessel's filter of order three, and time constant of the single one over theirs"""
 HAIRS = np.geomspace(1e-3, 0.1, 9)
 """widths below the largest force, as shares of it, within which a clipped force may scatter"""
 
@@ -185,8 +184,19 @@ class OneSidedFilter(ChainEffect):
 
 
 def _order_three(t: float) -> np.ndarray:
-    """Parameters of Bessel's filter of order three whose pair of poles has this time constant."""
-    return np.array([t, BESSEL[0], BESSEL[1] * t])
+    """Parameters of Bessel's filter of order three whose pair of poles has this time constant.
+
+    T, the damping of the pair, and the time constant of the single pole.
+
+    Examples
+    --------
+    >>> _order_three(1.0).round(4).tolist()
+    [1.0, 0.7235, 1.0945]
+    """
+    order = 3
+    poles = np.roots([factorial(order + k) / (2**k * factorial(k) * factorial(order - k)) for k in range(order + 1)])
+    pair, single = poles[np.argmax(poles.imag)], -float(poles.real[np.argmin(np.abs(poles.imag))])
+    return np.array([t, -pair.real / abs(pair), abs(pair) / single * t])
 
 
 class ForceOffset(ChainEffect):

@@ -15,6 +15,9 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.rounding import TINY
 from lpvid.toolkit import found_once
 
+SLOW = 0.01
+"""share of a record's largest or rms speed that is slow: a friction reverses there, a law is even between the nodes of
+its table, its slope is a difference, and a motion that differs by less is the same"""
 TOP = 0.999
 """quantile of the speed at which the slope of a law is taken"""
 HALF = 0.6
