@@ -11,15 +11,15 @@ LONG = 65_536
 minutes"""
 REMEMBERED, REPLACED = 24, 4
 """simulations kept along signals, and results of one kind kept for the last parameter values"""
-MOST_POINTS, MOST_SIZES = 14, 6
-"""grid points at which an effect is screened; sizes of a strength among them, two to a decade"""
-SIMULATED, SCREENED_POINTS = 14, 4
-"""effects simulated beside a set, those of the largest gain predicted from the screening beside the baseline alone; and
-grid points of each, besides that of the largest predicted gain"""
+MOST_POINTS, MOST_SIZES, SCREENED_POINTS = 14, 6, 4
+"""grid points at which an effect is screened; sizes of a strength among them, two to a decade; grid points beside a
+set, besides that of the largest predicted gain"""
+SIMULATED = MOST_POINTS
+"""effects simulated beside a set, those of the largest gain predicted from the screening beside the baseline alone"""
 BEAM_WIDTH, CHILDREN, CHILDREN_PER_KIND, MOST_MEMBERS = 3, 6, 2, 4
 """sets that are enlarged at a time; refitted children of each, and of these at least as many without memory and with
 memory: at first the two kinds fit each other's error; members of a set at most, and rounds of the search"""
-MOST_STARTS, REFITTED_STARTS = 3, 2
+MOST_STARTS, REFITTED_STARTS = BEAM_WIDTH, CHILDREN_PER_KIND
 """start points of an effect that is added, and of either effect of a pair; start vectors of one set from which it is
 refitted: those of the least cost, of all that were evaluated"""
 COARSE_ITERATIONS, NEAR_ITERATIONS, ITERATIONS = 2, 8, 25

@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.condition.constancy import DISTINCT
 from lpvid.diagnosis.preparing import SHORTEST
 from lpvid.diagnosis.signals import Signals
 from lpvid.rounding import EPS, HALF_DIGITS, TINY
-
-ALIKE = 0.02
-"""inputs that differ by less than this share of their spread count as a repeat"""
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
     """Variance of the output between repeats of the same input, records against records and periods within one.
 
     Two stretches with the same inputs have the same response, so that half the variance of their difference is noise,
-    whatever the model. Inputs agree where every channel differs by less than `ALIKE` of its spread.
+    whatever the model. Inputs agree where every channel differs by less than `DISTINCT` of its spread.
 
     Parameters
     ----------
@@ -96,7 +94,7 @@ def _alike(a: Signals, b: Signals, channels: Sequence[str], at: slice, bt: slice
     for name in channels:
         x, y = a[name][at], b[name][bt]
         spread = max(float(np.std(x)), float(np.std(y)), EPS * float(np.abs(x).max(initial=0.0)))
-        if spread > 0 and float(np.sqrt(np.mean((x - y) ** 2))) > ALIKE * spread:
+        if spread > 0 and float(np.sqrt(np.mean((x - y) ** 2))) > DISTINCT * spread:
             return False
     return True
 
@@ -115,5 +113,5 @@ def _period(s: Signals, channels: Sequence[str]) -> int:
         cross = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n // 2]
         worst = np.maximum(worst, (power[n - lags] + power[n] - power[lags] - 2 * cross) / (n - lags) / np.var(x))
     departed = np.maximum.accumulate(worst) > 1  # correlation below ½ before, as in `condition.repetition_period`
-    good = np.flatnonzero(departed & (worst < ALIKE**2))
+    good = np.flatnonzero(departed & (worst < DISTINCT**2))
     return int(good[0]) if good.size else 0

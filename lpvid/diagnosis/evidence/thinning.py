@@ -26,9 +26,6 @@ reach of all parts none is. Of 60 motions of the foreign rig the samples hold 95
 1.0 and with 1.2, in 92 % with 1.5, in 85 % with 2, in 73 % without such a stretch"""
 FEWEST_STRETCHES = 4
 """stretches over all records at least, so that slow causes are detectable"""
-TRANSITION = START_UP / 2
-"""time at the head of a stretch of a smooth transition from the one before [s]; in the rest of the start-up its
-transient decays"""
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
@@ -137,7 +134,7 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     size = round(length_of(signals) / period) + 1 + 2  # start-up and two blocks are each rounded to whole samples
     wanted = max(SEARCH_SAMPLES // size, FEWEST_STRETCHES, len(signals))
     if total <= max(wanted * size, SEARCH_SAMPLES):
-        return tuple(signals) if len(signals) == 1 else (_whole(signals, round(TRANSITION / period)),)
+        return tuple(signals) if len(signals) == 1 else (_whole(signals, _transition(period)),)
     parts: list[tuple[Signals, int, int]] = []
     spans, begun = [], 0
     for s, count in zip(signals, _counts([s.n_samples for s in signals], size, wanted), strict=True):
@@ -145,7 +142,15 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
         parts += [(s, a, min(a + size, s.n_samples)) for a in firsts]
         spans += [((begun + a) / total, (begun + min(a + size, s.n_samples)) / total) for a in firsts]
         begun += s.n_samples
-    return (_cut_together(parts, spans, round(TRANSITION / period)),)
+    return (_cut_together(parts, spans, _transition(period)),)
+
+
+def _transition(period: float) -> int:
+    """Samples at the head of a stretch that pass smoothly from the one before: half of the start-up.
+
+    In the other half the transient of a law decays.
+    """
+    return round(START_UP / 2 / period)
 
 
 def _counts(samples: Sequence[int], size: int, wanted: int) -> list[int]:
