@@ -16,6 +16,7 @@ from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
 from quartercar.effects.force_output import no_force
 from quartercar.effects.splines import spline_shifted
+from quartercar.effects.viscous import thresholds
 
 DELAY = EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016))
 """by which a channel is recorded later than another"""
@@ -272,8 +273,7 @@ class ForceClipping(Effect):
         return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_max", 0.0, (0.0, 0.05), (0.0, 1e6), (1e-3,)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        peak = max(float(np.abs(s.output).max()) for s in signals)
-        return [np.array([1 / (share * peak)]) for share in (0.55, 0.7, 0.85, 0.93, 0.97, 1.0) if peak > 0]
+        return [np.array([1 / force]) for force in thresholds([s.output for s in signals]) if force > 0]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if reason := no_force(baseline):
