@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from gc import collect
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from lpvid import least_squares
 from lpvid._memory import give_back
 from lpvid._tall import column_norms
 from lpvid.diagnosis.budgets import ITERATIONS, LONG
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.trial_steps import step_by_trial, trial_parameters
-from lpvid.least_squares import StopRule, bounded_step
+from lpvid.least_squares import bounded_least_squares
 from lpvid.rounding import EPS, EXPLODED, HALF_DIGITS, STEP, TINY, VANISHING
 
 LEAST_DECREASE, ROUGH_DECREASE = 0.02, 0.3
-"""predicted increase of twice the log-likelihood below which a refit ends, and below which a rough refit does"""
+"""predicted increase of the log-likelihood below which a refit ends, and below which a rough refit does"""
+DECREASE_RATIO = 0.25
+"""share of the predicted decrease that a step by an updated Jacobian must reach, else that is computed anew"""
+STEP_SHARES = (1.0, 0.3, 0.1)
+"""shares of a step that are tried one after the other before it is damped"""
+MOST_CORRECTION = 0.75
+"""length of the geodesic correction over that of the step, in units of the derivatives' norms, beyond which it is
+rejected"""
+FIRST_DAMPING = 1e-3
+LEAST_DAMPING = STEP**2
+"""of normal equations scaled to a diagonal of one: their digits beyond are errors of the differences in the Jacobian"""
 OTHER_FOLD_WEIGHT = 0.01
 """weight of the other fold in a fit to one: it determines what the samples of the one leave open, and little else"""
+SECANT_STEPS = 4
+"""steps for which a Jacobian is updated by secants (Broyden 1965) before it is computed anew"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,11 +208,36 @@ def refined_by_trial(found: Refit, iterations: int = ITERATIONS, rough: bool = F
 def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
             iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, sample_weight: float = 1.0
             ) -> Refit:
-    """Minimise the squared error by derivatives, from `start`, until no step has a further predicted decrease.
+    """Minimise the squared error by derivatives: where `descent` is after so many iterations.
 
-    By `lpvid.least_squares`: Levenberg-Marquardt inside the bounds, damping by the gain ratio. After a step that
-    reaches half of its predicted decrease the Jacobian is updated by a secant (Broyden 1965), else it is computed anew;
-    so it is before a step that was rejected is shortened.
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    composition : Composition
+    start : (P,) array
+    fold : {None, 0, 1}
+    iterations : int
+        At most; 0 for the errors at the start.
+    near : Refit, optional
+    rough : bool
+    sample_weight : float
+        As these of `descent`.
+
+    Returns
+    -------
+    Refit
+    """
+    iterates = descent(problem, composition, start, fold, near, rough, sample_weight)
+    return deque(islice(iterates, iterations + 1), maxlen=1)[0]  # the errors of each are as long as the record
+
+
+def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
+            near: Refit | None = None, rough: bool = False, sample_weight: float = 1.0) -> Iterator[Refit]:
+    """The iterates of a minimisation by derivatives, from its start until no step has a further predicted decrease.
+
+    Levenberg-Marquardt with columns scaled by their norms; a parameter at a bound is held if its step would cross it.
+    After a successful step the Jacobian is updated by a secant. A step that fails or has no predicted decrease counts
+    as such only with a Jacobian that was computed anew.
 
     Parameters
     ----------
@@ -208,8 +247,6 @@ def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     fold : {None, 0, 1}
         Whose samples count, those of the other by `OTHER_FOLD_WEIGHT` only: a level of the current that occurs in
         a single block belongs to one fold, and without its samples the law is undetermined there.
-    iterations : int
-        Steps at most; 0 for the errors at the start.
     near : Refit, optional
         Of a related composition, whose derivatives are used until a step by them fails.
     rough : bool
@@ -218,126 +255,91 @@ def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         Independent samples that each sample counts as: for a structured error, a fall of the log-likelihood by
         `LEAST_DECREASE` requires a larger decrease of the cost.
 
-    Returns
-    -------
+    Yields
+    ------
     Refit
     """
+    low, high = composition.bounds
     own = np.ones(problem.n_samples, dtype=bool) if fold is None else problem.in_fold(fold)
-    weights = np.where(own, 1.0, OTHER_FOLD_WEIGHT)
-    count = int(own.sum())
-    least = (ROUGH_DECREASE if rough else LEAST_DECREASE) / (sample_weight * count)
-    search = _RefitSearch(problem, composition, weights, count, near, rough, least)
-    stop = StopRule(tolerance=0.0, iterations=iterations, least_decrease=least)
-    found = least_squares.descend(search, np.asarray(start, dtype=float), stop)
-    assert found is not None  # what diverges has a large cost
-    return found.trial.fit
+    count, weights = int(own.sum()), np.where(own, 1.0, OTHER_FOLD_WEIGHT)
+
+    def at(vector: np.ndarray) -> tuple[Refit, list[np.ndarray]]:
+        vector = np.clip(vector, low, high)
+        errors = problem.errors(composition, vector)
+        stacked = problem.stack(errors)
+        return Refit(problem, composition, vector, float(weights @ stacked**2), stacked, count), errors
+
+    def derivative() -> np.ndarray:
+        return _jacobian(problem, composition, now.vector, errors)
+
+    now, errors = at(np.asarray(start, dtype=float))
+    yield now
+    if near is None:
+        jacobian, age = derivative(), 0
+    else:
+        jacobian, age = _reused_jacobian(problem, composition, now.vector, errors, near), 1
+    damping, failed = FIRST_DAMPING, False
+    while damping * LEAST_DAMPING <= 1:
+        if age > SECANT_STEPS:
+            del jacobian  # before another one of its size is taken
+            jacobian, age = derivative(), 0
+        step, predicted = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
+        little = predicted < (ROUGH_DECREASE if rough else LEAST_DECREASE) * now.cost / (sample_weight * count)
+        if little:
+            if damping > LEAST_DAMPING and not failed:  # along a curved valley a damped step predicts little
+                damping = max(damping / 100, LEAST_DAMPING)
+                continue
+            if age == 0 or rough:
+                return
+            del jacobian
+            jacobian, age = derivative(), 0
+            yield now
+            continue
+        for share in (STEP_SHARES if age == 0 else STEP_SHARES[:1]):
+            there = at(now.vector + share * step)
+            if age == 0 and now.cost - there[0].cost < DECREASE_RATIO * share * predicted:
+                deviation = now.errors - there[0].errors - share * (jacobian @ step)
+                correction = _geodesic_correction(jacobian, deviation / share**2, step, weights, now.vector, damping,
+                                                  low, high)
+                corrected = there if correction is None else at(now.vector + step + correction)
+                there = corrected if corrected[0].cost < there[0].cost else there
+            if now.cost - there[0].cost > (DECREASE_RATIO * predicted if age else 0.0):
+                _broyden_update(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
+                (now, errors), age, damping, failed = there, age + 1, max(damping / 5, LEAST_DAMPING), False
+                break
+        else:
+            if age:
+                del jacobian
+                jacobian, age = derivative(), 0
+            else:
+                damping, failed = damping * 8, True
+        yield now
 
 
-@dataclass(frozen=True, eq=False)
-class _Iterate:
-    """A refit, and its errors per record on all samples."""
+def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.ndarray, weights: np.ndarray,
+                         vector: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
+    """Second-order correction of a step in a curved valley; None where it is not finite, or too long.
 
-    fit: Refit
-    errors: list[np.ndarray]
-
-    @property
-    def cost(self) -> float:
-        return self.fit.cost
-
-
-@dataclass(frozen=True, eq=False)
-class _RefitSearch:
-    """A refit as a problem of `least_squares.descend`; it ends at a predicted decrease of `least` of the cost."""
-
-    problem: DiagnosisProblem
-    composition: Composition
-    weights: np.ndarray
-    count: int
-    near: Refit | None
-    rough: bool
-    least: float
-
-    def evaluate(self, point: np.ndarray) -> _Iterate:
-        vector = np.clip(point, *self.composition.bounds)
-        errors = self.problem.errors(self.composition, vector)
-        stacked = self.problem.stack(errors)
-        cost = float(self.weights @ stacked**2)
-        return _Iterate(Refit(self.problem, self.composition, vector, cost, stacked, self.count), errors)
-
-    def linearise(self, trial: _Iterate, before: _LinearisedRefit | None) -> _LinearisedRefit:
-        return _LinearisedRefit(self, trial, self.near) if before is None else before.moved_to(trial)
-
-    def admissible(self, trial: _Iterate, now: _Iterate) -> bool:
-        return True
-
-
-class _LinearisedRefit:
-    """The simulation at an iterate, linearised by derivatives taken there or, `updated`, by secants from nearby ones.
+    Of the path x + h s + h² b the simulation changes by h J s + h² (f_ss/2 + J b); b makes the second part as small as
+    it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, below `MOST_CORRECTION` of the step.
 
     Parameters
     ----------
-    search : _RefitSearch
-    now : _Iterate
-    near : Refit, optional
-        Whose derivatives are used first.
+    jacobian : (N, P) array
+    deviation : (N,) array
+        f_ss/2: the change by a step beyond that of the derivatives, over the square of its share.
+    step : (P,) array
+    weights : (N,) array
+    vector : (P,) array
+    damping : float
+    low, high : (P,) array
     """
-
-    finite = True  # `_finite`
-
-    def __init__(self, search: _RefitSearch, now: _Iterate, near: Refit | None = None) -> None:
-        self.search, self.now, self.updated = search, now, near is not None
-        self.tried, self.predicted = False, 0.0
-        self.jacobian = self._derivative() if near is None else _reused_jacobian(
-            search.problem, search.composition, now.fit.vector, now.errors, near)
-
-    def moved_to(self, there: _Iterate) -> _LinearisedRefit:
-        """The same after a step: updated by a secant if it reached half of its predicted decrease, else anew."""
-        here, self.now, self.tried = self.now, there, False
-        if here.cost - there.cost > 0.5 * self.predicted:
-            _broyden_update(self.jacobian, there.fit.vector - here.fit.vector, here.fit.errors - there.fit.errors)
-            self.updated = True
-        else:
-            self._renew()
-        return self
-
-    def step(self, damping: float) -> tuple[np.ndarray, float]:
-        """The point to try, and the decrease of the cost that the linearisation predicts there.
-
-        Where that of the first damped step is too little, the step without damping: along a curved valley a damped one
-        predicts little. After a step by secants that was rejected, and before the end of a refit that is not rough, the
-        derivatives are computed anew.
-
-        Parameters
-        ----------
-        damping : float
-
-        Returns
-        -------
-        (P,) array, float
-        """
-        if self.tried and self.updated:
-            self._renew()
-        move, predicted = self._damped(damping)
-        little = self.search.least * self.now.cost
-        if predicted <= little and not self.tried:
-            move, predicted = self._damped(0.0)
-            if predicted <= little and self.updated and not self.search.rough:
-                self._renew()
-                return self.step(damping)
-        self.tried, self.predicted = True, predicted
-        return self.now.fit.vector + move, predicted
-
-    def _damped(self, damping: float) -> tuple[np.ndarray, float]:
-        fit, bounds = self.now.fit, self.search.composition.bounds
-        return _step(self.jacobian, fit.errors, self.search.weights, fit.vector, damping, *bounds)
-
-    def _derivative(self) -> np.ndarray:
-        fit = self.now.fit
-        return _jacobian(fit.problem, fit.composition, fit.vector, self.now.errors)
-
-    def _renew(self) -> None:
-        del self.jacobian  # before another one of its size is taken
-        self.jacobian, self.updated, self.tried = self._derivative(), False, False
+    if not np.isfinite(deviation).all():
+        return None
+    correction, _ = _step(jacobian, -deviation, weights, np.clip(vector + step, low, high), damping, low, high)
+    norms = column_norms(jacobian)
+    length = np.linalg.norm(correction * norms)
+    return correction if 0.0 < length <= MOST_CORRECTION * np.linalg.norm(step * norms) else None
 
 
 def _broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
@@ -366,12 +368,22 @@ def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector:
     if not free.size or not np.isfinite(hessian).all():
         return step, 0.0
     scale = norms[free]
-    values, vectors = np.linalg.eigh(hessian[np.ix_(free, free)] / np.outer(scale, scale))
-    root = np.sqrt(np.maximum(values, EPS * values[-1]))
-    step[free] = bounded_step(root[:, None] * vectors.T * scale, vectors.T @ (-gradient[free] / scale) / root, damping,
-                              scale, (low - vector)[free], (high - vector)[free])
+    matrix = hessian[np.ix_(free, free)] / np.outer(scale, scale) + damping * np.eye(free.size)
+    room = (low - vector)[free] * scale, (high - vector)[free] * scale
+    step[free] = _bounded_minimiser(matrix, gradient[free] / scale, *room) / scale
     step = np.clip(vector + step, low, high) - vector
     return step, float(2 * step @ gradient - step @ hessian @ step)
+
+
+def _bounded_minimiser(matrix: np.ndarray, right: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(k,) minimiser of xᵀ M x/2 − bᵀ x, between bounds, for a positive semidefinite M."""
+    with suppress(np.linalg.LinAlgError):
+        x = np.linalg.solve(matrix, right)
+        if ((x >= low) & (x <= high)).all():
+            return x
+    values, vectors = np.linalg.eigh(matrix)
+    root = np.sqrt(np.maximum(values, EPS * values[-1]))
+    return bounded_least_squares(root[:, None] * vectors.T, vectors.T @ right / root, low, high)
 
 
 def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
