@@ -120,7 +120,7 @@ class LpvBaseline(Baseline):
             scales = stage.scales(reach)
             found += [Coefficient(f"shape[{k}]", "", -np.inf, np.inf, float(scales[k])) for k in self.shape]
         if lag is not None:
-            found += [Coefficient(f"schedule_filter[{k}]", "s", 0.0, np.inf, max(float(v), 0.1 * self.clock))
+            found += [Coefficient(f"schedule_filter[{k}]", "s", 0.0, np.inf, max(float(v), self.clock))
                       for k, v in enumerate(lag.vector)]
         return tuple(found)
 

@@ -25,9 +25,8 @@ LASTING = -math.log(EPS)
 """length of the transient of a low-pass, in time constants: until it is rounding"""
 RATES = {"velocity": ("displacement",), "acceleration": ("displacement", "velocity")}
 """channels from which another one may have been derived"""
-COHERENT, FLAT = 0.5, 1.5
-"""coherence with the noise of another channel above which a channel was derived from that; ratio of the median levels
-of the two halves of the top of a spectrum below which they are the level of a sensor's noise"""
+COHERENT = 0.5
+"""coherence with the noise of another channel above which a channel was derived from that"""
 
 
 def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int = 1) -> np.ndarray:
@@ -201,9 +200,9 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
 def _derived(s: Signals, channel: str, source: str) -> bool:
     """Whether a channel is coherent with the noise of another one's sensor, and so was computed from that channel.
 
-    At frequencies where the spectrum of the other channel is flat, which is its sensor's noise, two channels of
-    separate sensors are not coherent. The criterion is their mean coherence there, weighted with the power of the
-    channel, which smoothing may have reduced.
+    At frequencies where the spectrum of the other channel is flat, the median levels of its two halves within `ABOVE`
+    of each other, which is its sensor's noise, two channels of separate sensors are not coherent. The criterion is
+    their mean coherence there, weighted with the power of the channel, which smoothing may have reduced.
     """
     from scipy.signal import coherence, welch
 
@@ -214,7 +213,7 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
     if top.size < 2:  # a record of few samples, or on a slow clock
         return False
     lower, upper = (float(np.median(half)) for half in np.array_split(top, 2))
-    if not 0 < max(lower, upper) < FLAT * min(lower, upper):
+    if not 0 < max(lower, upper) < ABOVE * min(lower, upper):
         return False
     size = stretch_samples(s[source].size, s.sample_time)
     common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=size)[1]

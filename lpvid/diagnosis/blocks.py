@@ -16,7 +16,7 @@ LONGEST, SHORTEST = 2.0, 0.4
 WANTED = 30
 """blocks wanted over all records"""
 FEWEST = 8
-"""blocks at least, for a p-value of the sign-flip test"""
+"""blocks at least, for a p-value of the sign-flip test, and samples of a block"""
 GAP = 0.1
 """share of a block left out at its start, so that neighbours are independent"""
 START_UP = 0.25
@@ -78,7 +78,7 @@ class Blocks:
         if total < FEWEST * length:
             cycle = 2 * np.pi * Scales.of(signals).time or SHORTEST
             length = max(total / FEWEST - period, min(SHORTEST, cycle))
-        size = max(round(length / period), 8)
+        size = max(round(length / period), FEWEST)
         numbers, count, folds = [np.full(s.n_samples, -1) for s in signals], 0, []
         for (k, begin, last, _), head in zip(pieces, heads, strict=True):
             for first in range(begin + head, last - size + 1, size):

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from lpvid.codec import Encoded
 from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.problem import DiagnosisProblem
-
-BANDS = (0.0, 1.0, 5.0, 15.0, 50.0, np.inf)
-"""edges of the frequency bands [Hz]"""
-NOTABLE = 1.5
-"""least ratio of a regime's share of the squared error to its share of the time at which it is listed"""
+from lpvid.validation.regimes import FreeRunStretch, bands
+from lpvid.validation.trust import LEVEL
 
 
 @dataclass(frozen=True)
@@ -29,7 +25,7 @@ class ErrorRegime(Encoded):
     share : float
         Of the squared error.
     time : float
-        Of the samples.
+        Of the samples; of the measured power, for a frequency band.
     """
 
     where: str
@@ -40,6 +36,9 @@ class ErrorRegime(Encoded):
 def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[ErrorRegime, ...]:
     """Shares of the squared error by sign and size of each input, by time, after reversals, by frequency; worst first.
 
+    Listed are regimes in which the odds of the error are at least twice those of the time, as in half of the time with
+    two thirds of the error, and which hold a share of it that is significant (`LEVEL`).
+
     Parameters
     ----------
     problem : DiagnosisProblem
@@ -49,7 +48,7 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[E
     Returns
     -------
     tuple of ErrorRegime
-        At most `LISTED` regimes; the share of the frequency bands is that of the error's power.
+        At most `LISTED` regimes.
     """
     squared = problem.stack([e**2 for e in errors])
     total = float(squared.sum())
@@ -64,14 +63,14 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[E
                                                             for s in problem.signals]) > 0.5))
     if all(s.has("current") for s in problem.signals):
         rate = problem.stack([np.gradient(s["current"], s.sample_time) for s in problem.signals])
-        if np.ptp(rate) > 0:
-            regimes.append(("after a change of current", np.abs(rate) > 0.1 * np.abs(rate).max()))
+        regimes += [("after a change of current", inside) for name, inside in _regimes("rate", rate)
+                    if name == "large |rate|"]
     place = np.concatenate([np.linspace(0, 1, n.size)[n >= 0] for n in problem.blocks.number])
     regimes += [("first third of the time", place < 1 / 3), ("last third of the time", place > 2 / 3)]
     found = [ErrorRegime(where, float(squared[inside].sum()) / total, float(inside.mean()))
              for where, inside in regimes if 0 < inside.mean() < 1]
     found += _bands(problem, errors)
-    notable = [w for w in found if w.share > max(NOTABLE * w.time, 0.05) or (w.share > 0.65 and w.time < 0.55)]
+    notable = [w for w in found if w.share > 1 - LEVEL and w.share * (1 - w.time) >= 2 * w.time * (1 - w.share)]
     return tuple(sorted(notable, key=lambda w: w.time - w.share)[:LISTED])
 
 
@@ -80,7 +79,7 @@ def _regimes(name: str, x: np.ndarray) -> list[tuple[str, np.ndarray]]:
     if x.min() < 0 < x.max():
         found += [(f"{name} < 0", x < 0), (f"{name} > 0", x > 0)]
     size = np.abs(x)
-    low, high = np.quantile(size, [0.25, 0.75])
+    low, high = np.quantile(size, [1 / 4, 3 / 4])
     if high > low:
         found += [(f"small |{name}|", size <= low), (f"large |{name}|", size >= high)]
     return found
@@ -104,17 +103,10 @@ def _after_reversal(velocity: np.ndarray) -> np.ndarray:
 
 
 def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[ErrorRegime]:
-    """Shares of the error's power; a frequency between 0 and half the rate counts twice, for its negative too."""
-    period = problem.signals[0].sample_time
-    power = np.zeros(len(BANDS) - 1)
-    for e, n in zip(errors, problem.blocks.number, strict=True):
-        x = np.where(n >= 0, e, 0.0)
-        spectrum, f = np.abs(np.fft.rfft(x)) ** 2 / x.size, np.fft.rfftfreq(x.size, period)
-        spectrum[1:(x.size + 1) // 2] *= 2
-        power += [float(spectrum[(f >= a) & (f < b)].sum()) for a, b in pairwise(BANDS)]
-    top = 0.5 / period
-    total = float(power.sum())
-    if not total > 0:
-        return []
-    return [ErrorRegime(f"{a:g} to {b:g} Hz" if b < top else f"above {a:g} Hz", float(p) / total,
-                        (min(b, top) - a) / top) for (a, b), p in zip(pairwise(BANDS), power, strict=True) if a < top]
+    """Shares of the error's power by frequency, as of a validation, from the first block of each record to its last."""
+    parts = []
+    for s, e, n in zip(problem.signals, errors, problem.blocks.number, strict=True):
+        inside = np.flatnonzero(n >= 0)
+        which = slice(inside[0], inside[-1] + 1) if inside.size else slice(0, 0)
+        parts.append(FreeRunStretch(s.output[which], (s.output - e)[which], None, np.empty((0, 0))))
+    return [ErrorRegime(b.where, b.error_share, b.share) for b in bands(parts, problem.signals[0].sample_time)]

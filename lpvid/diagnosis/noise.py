@@ -9,11 +9,9 @@ from itertools import combinations
 import numpy as np
 
 from lpvid.baselines.signals import Signals
+from lpvid.condition.constancy import DISTINCT
 from lpvid.effects.preparing import SHORTEST
 from lpvid.rounding import EPS, HALF_DIGITS, TINY
-
-ALIKE = 0.02
-"""inputs that differ by less than this share of their spread count as a repeat"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
     """Variance of the output between repeats of the same input, records against records and periods within one.
 
     Two stretches with the same inputs have the same response, so that half the variance of their difference is noise,
-    whatever the model. Inputs agree where every channel differs by less than `ALIKE` of its spread.
+    whatever the model. Inputs agree where every channel differs by less than `DISTINCT` of its spread.
 
     Parameters
     ----------
@@ -98,7 +96,7 @@ def _alike(a: Signals, b: Signals, channels: Sequence[str], n: int) -> bool:
     for name in channels:
         x, y = a[name][:n], b[name][:n]
         spread = max(float(np.std(x)), float(np.std(y)), EPS * float(np.abs(x).max(initial=0.0)))
-        if spread > 0 and float(np.sqrt(np.mean((x - y) ** 2))) > ALIKE * spread:
+        if spread > 0 and float(np.sqrt(np.mean((x - y) ** 2))) > DISTINCT * spread:
             return False
     return True
 
@@ -117,5 +115,5 @@ def _period(s: Signals, channels: Sequence[str]) -> int:
         cross = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n // 2]
         worst = np.maximum(worst, (power[n - lags] + power[n] - power[lags] - 2 * cross) / (n - lags) / np.var(x))
     departed = np.maximum.accumulate(worst) > 1  # correlation below ½ before, as in `condition.repetition_period`
-    good = np.flatnonzero(departed & (worst < ALIKE**2))
+    good = np.flatnonzero(departed & (worst < DISTINCT**2))
     return int(good[0]) if good.size else 0

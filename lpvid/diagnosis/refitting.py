@@ -32,7 +32,7 @@ MOST_CORRECTION = 0.75
 """length of the geodesic correction over that of the step, in units of the derivatives' norms, beyond which it is
 rejected"""
 FIRST_DAMPING = 1e-3
-LEAST_DAMPING = STEP**2
+LEAST_DAMPING = STEP * STEP
 """of normal equations scaled to a diagonal of one: their digits beyond are errors of the differences in the Jacobian"""
 OTHER_FOLD_WEIGHT = 0.01
 """weight of the other fold in a fit to one: it determines what the samples of the one leave open, and little else"""

@@ -14,8 +14,6 @@ LAGS = (2, 6, 16)
 """samples by which inputs are delayed"""
 UNITS = 300
 """random features"""
-STEEPNESS = (0.5, 1.5, 5.0)
-"""widths of the random directions, in standard deviations of the inputs"""
 KNOTS = 32
 """of a piecewise linear function of each input by itself"""
 RIDGES = (1e-4, 1e-2, 1.0)
@@ -27,7 +25,7 @@ def predictable_share(
 ) -> tuple[float, float]:
     """Share of the squared error that a flexible regression on the inputs predicts out of fold, and its standard error.
 
-    Ridge regression on random features tanh(wᵀz + b) of the inputs, their soft signs, their values some samples ago and
+    Ridge regression on random features tanh(wᵀz + b) of the inputs, their signs, their values some samples ago and
     their slopes, on a piecewise linear function of each input, and on slow drifts, fitted to one fold of blocks and
     tested on the other, both ways (Rahimi, Recht 2007, random features). About 0 for noise, at most a little below it.
 
@@ -93,8 +91,7 @@ def _features(signals: Sequence[Signals], channels: Sequence[str]) -> list[np.nd
     rng = np.random.default_rng(0)
     width = int(moving.sum())
     weights = rng.standard_normal((width, UNITS)) / np.sqrt(max(width, 1))
-    weights *= np.repeat(STEEPNESS, -(-UNITS // len(STEEPNESS)))[:UNITS]
-    shift = rng.uniform(-1.5, 1.5, UNITS)
+    shift = rng.standard_normal(UNITS)
     knots = [knots_of(np.concatenate([s[c] for s in signals])) for c in channels]
     out = []
     for s, values in zip(signals, raw, strict=True):
@@ -152,8 +149,8 @@ def _regressors(s: Signals, channels: Sequence[str]) -> np.ndarray:
     columns = []
     for name in channels:
         x = s[name]
-        soft = np.tanh(8 * (x - x.mean()) / max(float(x.std()), TINY))
-        columns += [x, soft, np.gradient(x), *(_lag(x, k) for k in LAGS), *(_lag(soft, k) for k in LAGS)]
+        sign = np.sign(x - x.mean())
+        columns += [x, sign, np.gradient(x), *(_lag(x, k) for k in LAGS), *(_lag(sign, k) for k in LAGS)]
     return np.column_stack(columns)
 
 

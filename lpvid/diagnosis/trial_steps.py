@@ -13,8 +13,6 @@ SAMPLE_STEPS = (5.0, 1.0)
 """steps of a lag [samples], and of a rugged parameter in units of `SHARE`"""
 SHARE = 0.02
 """of its value, the unit of the steps of a rugged parameter"""
-MOST_STEPS = 12
-"""steps of one size in one direction"""
 
 
 def trial_parameters(composition: Composition) -> list[tuple[int, bool]]:
@@ -68,7 +66,7 @@ def step_by_trial(problem: DiagnosisProblem, composition: Composition, vector: n
         norms = np.where(norms > VANISHING, norms, 1.0)  # a parameter without effect is not changed
         unit = SHARE * vector[j] if rugged else clock
         for change in [sign * size * unit for size in SAMPLE_STEPS for sign in (1.0, -1.0)]:
-            for _ in range(MOST_STEPS):
+            while True:  # until the cost falls no more, or the bound is reached
                 trial = vector.copy()
                 trial[j] = np.clip(trial[j] + change, low[j], high[j])
                 if trial[j] == vector[j]:

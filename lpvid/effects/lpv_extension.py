@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from lpvid.identification import Identification
     from lpvid.identification.arx import ARX
 
-DELAYS = (0, 1, 2, 4, 8)
-"""first input lags that are tried where a cause is a delay of the input"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +106,9 @@ def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effe
     wide = enlarged(structure, changes, training)
     if not any(c.delay for c in changes):
         return identify(training, wide, held_out=kept)
-    tried = [identify(training, replace(wide, nk=(nk, *wide.nk[1:]))) for nk in DELAYS]  # type: ignore[index]
+    memory = structure.na + max(structure.width)
+    delays = [0, *(2**k for k in range(memory.bit_length()))]  # doubled up to the samples that the structure recalls
+    tried = [identify(training, replace(wide, nk=(nk, *wide.nk[1:]))) for nk in delays]  # type: ignore[index]
     best = min(tried, key=lambda i: _esr(i))
     return identify(training, best.structure, held_out=kept)
 

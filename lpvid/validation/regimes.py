@@ -100,7 +100,7 @@ def regimes(stretches: Sequence[FreeRunStretch], input_name: str, scheduling: Se
     found = [Regime(where, row[0] / count, row[1] / every, row[1] / row[2] if row[2] > 0 else None)
              for table, (described, _) in zip(sums, sorters, strict=True)
              for where, row in zip(described, table.tolist(), strict=True) if row[0] > 0]
-    return (*found, *_bands(stretches, sample_time))
+    return (*found, *bands(stretches, sample_time))
 
 
 def _chunks(stretches: Sequence[FreeRunStretch]) -> Iterator[tuple[FreeRunStretch, float]]:
@@ -156,13 +156,24 @@ def _levels(values: np.ndarray, column: int, name: str, unit: str) -> list[Sorte
     return [(described, lambda s: np.searchsorted(edges, s.scheduling[:, column], side="right"))]
 
 
-def _bands(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regime]:
+def bands(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regime]:
     """Power of error and of measurement by frequency, summed over stretches and over bands.
 
     Of orthonormal cosine transforms (DCT-II) of whole chunks, whose squares add up to those of the samples (Parseval):
     the shares of the bands add up to 1, and the lowest band holds the mean error. The coefficient k of n samples stands
     for the frequency k / (2 n T). A cosine transform continues a chunk by its mirror image, without a jump, so that
     less of what is slow leaks into higher bands than with a Fourier transform.
+
+    Parameters
+    ----------
+    stretches : sequence of FreeRunStretch
+    sample_time : float
+        Period [s].
+
+    Returns
+    -------
+    list of Regime
+        None where the longest stretch has fewer samples than `SHORTEST`.
     """
     from scipy.fft import dct
 

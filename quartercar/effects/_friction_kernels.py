@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.toolkit import njit
 
 DOUBLED = 2.0 ** np.arange(-1, 3)
-NODES = np.concatenate([-DOUBLED[::-1], [0.0], DOUBLED])
+NODES = np.unique(np.concatenate([-DOUBLED, np.zeros_like(DOUBLED), DOUBLED]))
 """speeds, in ε, between which tanh(v/ε) is taken as linear in the displacement: from ε/2 to 4ε in either direction"""
 
 

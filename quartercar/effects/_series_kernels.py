@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from lpvid.rounding import EXPLODED, HALF_DIGITS
+from lpvid.rounding import EXPLODED, HALF_DIGITS, STEP
 from lpvid.toolkit import njit
 from quartercar.dampers.stepper import GAMMA
 from quartercar.effects.electrical import SEEN_AFTER
@@ -22,12 +22,22 @@ CLOSE = HALF_DIGITS
 """last step of Newton's method, as a share of the force; the error left is its square"""
 TAKEN_UP = 5.0
 """force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
-TAKEN = 20.0 * TAKEN_UP
-"""force from which the play is taken up to the last digit [N]"""
-SIGN = np.tanh(np.linspace(0.0, TAKEN / TAKEN_UP, 2049))
-"""tanh(F/TAKEN_UP) at even steps from 0 to TAKEN, interpolated linearly: concave, and within 1e-5"""
-AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / POLYTROPIC)
-"""1 − (1 + |F|/F_p)^(−1/n) at even steps of |F|/(|F| + F_p) from 0 to 1"""
+TAKEN = -TAKEN_UP * np.log(HALF_DIGITS)
+"""force from which the play is taken up to the last digit: 1 − tanh x = 2e^(−2x) [N]"""
+
+
+def _tables() -> tuple[np.ndarray, np.ndarray]:
+    """tanh(F/TAKEN_UP) at even steps of F from 0 to `TAKEN`, and the same number of steps of the deflection of air.
+
+    The steps of F/TAKEN_UP are √`STEP`, so that linear interpolation has an error of `STEP`/8 times the curvature. Air:
+    1 − (1 + |F|/F_p)^(−1/n) at even steps of |F|/(|F| + F_p) from 0 to 1. Both are concave.
+    """
+    top = TAKEN / TAKEN_UP
+    share = np.linspace(0.0, 1.0, 1 + int(np.ceil(top / np.sqrt(STEP))))
+    return np.tanh(top * share), 1 - (1 - share) ** (1 / POLYTROPIC)
+
+
+SIGN, AIR = _tables()
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -298,7 +308,7 @@ def _force_above_rest(right, stiff, least, element):
     """
     soft = _play_and_air(0.0, element)[1]
     force = max(right / (stiff + soft), (right - element[3] - element[1]) / stiff, least)
-    for _ in range(100):
+    for _ in range(SIGN.size + AIR.size):  # but for the last one, each step leaves a cell of a table
         d, soft = _play_and_air(force, element)
         move = (right - d - stiff * force) / (stiff + soft)
         force += move

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.baselines.baseline import Baseline
+from lpvid.baselines.budgets import LONG
 from lpvid.baselines.signals import Signals
 from lpvid.baselines.spectra import weighed_alike
 from quartercar.effects.electrical import clocked
 from quartercar.effects.splines import spline_resampled
 
-FAST, FINEST, MOST = 2000.0, 8, 80_000
+FAST, FINEST = 2000.0, 8
 """rate of evaluation of a nonlinear law without memory [1/s], whose output has components above half the sample rate;
-the largest ratio of that rate to the record's; and the number of samples above which the ratio is less, down to one, to
-limit time and memory"""
+and the largest ratio of that rate to the record's"""
 
 
 def times_as_fast(baseline: Baseline, s: Signals) -> int:
@@ -27,9 +27,9 @@ def times_as_fast(baseline: Baseline, s: Signals) -> int:
     Returns
     -------
     int
-        At most `FINEST`, and so that there are no more than `MOST` samples in all.
+        At most `FINEST`, and so that there are no more than `LONG` samples in all, to limit time and memory.
     """
-    most = int(np.clip(MOST // s.n_samples, 1, FINEST))
+    most = int(np.clip(LONG // s.n_samples, 1, FINEST))
     return int(np.clip(np.ceil(FAST * s.sample_time), 1, most)) if baseline.static else 1
 
 

@@ -13,7 +13,7 @@ from lpvid.condition.derivation import REVERSAL
 from lpvid.effects.effect import SPREAD, Effect, EffectParameter, LpvChange
 from quartercar.effects.electrical import is_constant
 from quartercar.effects.force_output import no_force
-from quartercar.effects.friction_gas import SLOW
+from quartercar.effects.viscous import SLOW
 
 
 class CurrentDependence(Effect):
@@ -48,7 +48,7 @@ class CurrentDependence(Effect):
                                 (1e-6, 2.0), (REVERSAL,)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        """Dry and viscous forces per ampere, either sign, at one size.
+        """Dry and viscous forces per ampere, either sign, at a share of their plausible range.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class CurrentDependence(Effect):
         list of (3,) arrays
             N/A, N·s/m/A, m/s.
         """
-        force, viscous = self.parameters[0].grid[1], 1e3
+        force, viscous = (SPREAD[1] * p.plausible[1] for p in self.parameters[:2])
         return [np.array([*p, REVERSAL]) for p in ((force, 0.0), (-force, 0.0), (0.0, viscous), (0.0, -viscous))]
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
@@ -76,9 +76,9 @@ class CurrentDependence(Effect):
         list of (3,) arrays
             N/A, N·s/m/A, m/s.
         """
-        speed = scale("m/s") or np.inf
+        speed = scale("m/s") or REVERSAL / SLOW
         sizes = [SPREAD[1] * (scale(p.unit) or 1.0) for p in self.parameters[:2]]
-        turns = sorted({min(REVERSAL, SLOW * speed), min(10 * REVERSAL, SPREAD[1] * speed)})
+        turns = min(REVERSAL, SLOW * speed), SPREAD[1] * speed
         strengths = [(sizes[0], 0.0, t) for t in turns] + [(0.0, sizes[1], turns[-1]), (*sizes, turns[-1])]
         return [np.array([sign * a, sign * b, t]) for a, b, t in strengths for sign in (1.0, -1.0)]
 

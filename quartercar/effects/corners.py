@@ -7,11 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lpvid.baselines.signals import Signals
-
-EDGE = 0.02
-"""least distance of a corner from the samples beside it, as a share of the time between them"""
-SHARP = 0.01
-"""share of the rms velocity by which the mean over an interval must differ for it to be integrated in short steps"""
+from lpvid.rounding import STEP
+from quartercar.effects.viscous import SLOW
 
 
 class Corners(NamedTuple):
@@ -24,7 +21,7 @@ class Corners(NamedTuple):
     place : (n,) array
         Place of the triangle's vertex, as a share of the interval.
     sharp : (n,) bool array
-        Intervals in which it exceeds `SHARP`.
+        Intervals in which it exceeds `SLOW` of the rms velocity, which are integrated in short steps.
     """
 
     rise: np.ndarray
@@ -73,9 +70,10 @@ def _corners(s: Signals) -> Corners:
         v = s["velocity"]
         missed = np.diff(s["displacement"]) / s.sample_time - (v[1:] + v[:-1]) / 2
         bend = np.pad(-np.diff(v, 2), 1)  # there is none at the ends
-        room = (bend[1:] + bend[:-1]) / 8
+        room = 0.5 * (bend[1:] + bend[:-1]) / 4  # the mean of a triangle is half of its height
         rise[1:] = np.where(missed * room > 0, np.sign(room) * np.minimum(np.abs(missed), np.abs(room)), 0.0)
         before, behind = np.abs(bend[:-1]), np.abs(bend[1:])
         both = before + behind
-        place[1:] = np.clip(np.divide(behind, both, out=np.full(n - 1, 0.5), where=both > 0), EDGE, 1 - EDGE)
-    return Corners(rise, place, np.abs(rise) > SHARP * np.sqrt(np.mean(s["velocity"] ** 2)))
+        vertex = np.divide(behind, both, out=np.full(n - 1, 0.5), where=both > 0)
+        place[1:] = np.clip(vertex, STEP, 1 - STEP)
+    return Corners(rise, place, np.abs(rise) > SLOW * np.sqrt(np.mean(s["velocity"] ** 2)))

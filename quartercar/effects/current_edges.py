@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.baselines.signals import Signals
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.constancy import DISTINCT
-from quartercar.effects.second_order import step_response
+from quartercar.effects.second_order import step_response, total_variation
 
 STEP = 0.01
 """share of its range by which a current that jumps must move between two samples to count as a jump, and share of a
@@ -22,8 +22,8 @@ TURNS = 3
 """samples without movement within one jump, at the peak of its overshoot"""
 LEAST_DAMPED = 0.4
 """least plausible damping ratio of a filter against aliasing"""
-MOST_VARIATION = 1 / np.tanh(np.pi * LEAST_DAMPED / np.sqrt(1 - LEAST_DAMPED**2) / 2)
-"""its total variation after a step, in sizes of the step: (1 + M)/(1 − M), M = exp(−πζ/√(1 − ζ²)) its overshoot"""
+MOST_VARIATION = total_variation(LEAST_DAMPED)
+"""its total variation after a step, in sizes of the step"""
 LASTS, RIPPLE = 6, 0.1
 """samples after a jump and before the next from which a level is determined and the jump located, and the share of the
 jump by which they may differ"""
@@ -31,7 +31,7 @@ CERTAIN = 3.0
 """standard errors by which a deviation must be significant, and standard deviations from which on one is an outlier"""
 PLACES = np.linspace(-0.3, 1.05, 28)
 """candidates for the start of a jump, in samples after the last one that has not moved by `STEP`"""
-SPACING = float(PLACES[1] - PLACES[0])
+SPACING = float(np.diff(PLACES).mean())
 """accuracy to which a jump after a filter is located, in samples"""
 
 

@@ -173,7 +173,7 @@ def levels(signals: Sequence[Signals]) -> int:
     if constant(float(i[0]), float(i[-1]), "A"):
         return 1
     groups = np.split(i, np.flatnonzero(np.diff(i) > DISTINCT * span) + 1)
-    return len(groups) if all(np.ptp(g) < DISTINCT * span for g in groups) and len(groups) < 0.1 * i.size else 0
+    return len(groups) if all(np.ptp(g) < DISTINCT * span for g in groups) and len(groups) < 0.5 * i.size else 0
 
 
 def later(s: Signals, delay: float) -> np.ndarray:

@@ -12,11 +12,10 @@ from lpvid.baselines.signals import Core, Signals
 from lpvid.condition.derivation import REVERSAL
 from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
 from quartercar.effects.force_output import no_force
+from quartercar.effects.viscous import SLOW
 
 FRICTION = EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,))
 """force of dry friction, beside the law or behind a spring"""
-SLOW = 0.01
-"""share of the root mean square speed at which friction is screened as its reversal speed, where that is less"""
 TURNING = 0.1
 """share of the displacement travelled within which dry friction reverses: .07 at most in fits to measured dampers"""
 POLYTROPIC = 1.3

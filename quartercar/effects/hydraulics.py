@@ -11,20 +11,23 @@ import numpy as np
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core, Signals
-from lpvid.effects.effect import Effect, EffectParameter, LpvChange
+from lpvid.effects.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.rounding import TINY
 from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.resonances import natural_frequencies
 from quartercar.effects.second_order import second_order
 from quartercar.effects.series import in_series
-from quartercar.effects.viscous import FASTEST, measured_slope, speed_quantiles, viscous_slope
+from quartercar.effects.viscous import (
+    SLOW,
+    measured_slope,
+    speed_quantiles,
+    thresholds,
+    top_speed,
+    viscous_slope,
+)
 
 UNIT_SPEED = 0.1
 """speed at which the exponent of the viscous share does not change the force [m/s]"""
-DRY = 0.02
-"""share of the top speed up to which the force of a law counts as dry friction"""
-ONSETS = (0.1, 0.35, 0.6, 0.8, 0.92)
-"""quantiles of the speed at which the onset of an orifice is screened"""
 
 
 class HydraulicEffect(Effect):
@@ -142,9 +145,8 @@ class ReliefValve(HydraulicEffect):
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         """By the slope of the force over the speed and, where currents or friction hide that, by the force itself."""
-        shares = (0.3, 0.55, 0.75, 0.9)
-        by_slope = [measured_slope(signals) * v for v in speed_quantiles(signals, shares)]
-        by_force = np.quantile(np.abs(np.concatenate([s.output for s in signals])), shares)
+        by_slope = [measured_slope(signals) * v for v in thresholds([s["velocity"] for s in signals])]
+        by_force = thresholds([s.output for s in signals])
         least = self.parameters[1].bounds[0]
         return [np.array([r, max(f, least)]) for r in self.parameters[0].grid for f in (*by_slope, *by_force) if f > 0]
 
@@ -177,16 +179,12 @@ class SeriesOrifice(HydraulicEffect):
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """A turbulent loss where it begins at the slowest speeds: viscous share and friction explain the difference."""
-        return ("quadratic-loss",) if float(values[1]) < speed_quantiles(signals, (ONSETS[0],))[0] else ()
+        return ("quadratic-loss",) if float(values[1]) < speed_quantiles(signals, (SAME_FORM,))[0] else ()
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        top = speed_quantiles(signals, (1.0,))[0]
-        spread = np.mean([s.output.std() for s in signals])
-        out = []
-        for onset in speed_quantiles(signals, ONSETS):
-            rest = max(top - onset, 1e-3 * top)
-            out.append(np.array([0.2 * spread / (rest**2 or 1.0), onset]))
-        return out
+        *onsets, top = thresholds([s["velocity"] for s in signals])
+        force = SPREAD[1] * np.mean([s.output.std() for s in signals])
+        return [np.array([force / (top - onset) ** 2, onset]) for onset in (0.0, *onsets) if onset < top]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if baseline.name.startswith("network-"):
@@ -271,8 +269,8 @@ class NetworkTopology(HydraulicEffect):
                                 (1e-4, 50.0), (0.05, 0.2, 1.0)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        top = speed_quantiles(signals, (FASTEST,))[0]
-        return [np.array([s, t * top]) for s in self.parameters[0].grid for t in (0.1, 0.5, 2.5)]
+        top = top_speed(signals)
+        return [np.array([s, t * top]) for s in self.parameters[0].grid for t in 4.0 ** np.arange(-2, 1)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         share, transition = float(values[0]), float(values[1])
@@ -291,7 +289,7 @@ class NetworkTopology(HydraulicEffect):
 def _hydraulic_force(s: Signals, core: Core) -> np.ndarray:
     """(n,) force of an odd law less its dry friction, the force at the lowest speeds."""
     v = s["velocity"]
-    slow = np.clip(v, *(DRY * float(np.abs(v).max()) * np.array([-1.0, 1.0])))
+    slow = np.clip(v, *(SLOW * float(np.abs(v).max()) * np.array([-1.0, 1.0])))
     parts = [core(s.replace(velocity=sign * x)) * sign * share for x, share in ((v, 0.5), (slow, -0.5))
              for sign in (1.0, -1.0)]
     return np.sum(parts, axis=0)
@@ -358,8 +356,8 @@ class Cavitation(Effect):
         return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_cav", 0.0, (0.0, 0.03), (0.0, 1e6), (1e-3,)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        peak = max(-float(s.output.min()) for s in signals)
-        return [np.array([1 / (share * peak)]) for share in (0.4, 0.55, 0.7, 0.85, 0.95, 1.0) if peak > 0]
+        pulled = [s.output[s.output < 0] for s in signals]
+        return [np.array([1 / force]) for force in thresholds(pulled)] if sum(map(len, pulled)) else []
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if all(float(s.output.min()) >= 0 for s in signals):

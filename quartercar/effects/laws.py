@@ -9,11 +9,11 @@ import numpy as np
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core, Signals
-from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.effects.effect import MOST_SIZES, EffectParameter, GridEffect, LpvChange
 from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import CoulombFriction, ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect
-from quartercar.effects.viscous import viscous_slope
+from quartercar.effects.viscous import top_speed, viscous_slope
 
 
 class CubicSpring(ParallelForce):
@@ -74,10 +74,8 @@ class SaturatingDamping(HydraulicEffect):
                                 (0.0, 1e5), (3.0, 10.0, 30.0, 100.0)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        from quartercar.effects.viscous import FASTEST, speed_quantiles
-
-        top = speed_quantiles(signals, (FASTEST,))[0] or 1.0
-        return [np.array([k / top]) for k in (0.5, 1.0, 2.0, 5.0, 12.0)]
+        """From nearly linear up to the top speed to nearly dry, by factors of two."""
+        return [np.array([k / top_speed(signals)]) for k in 2.0 ** np.arange(-1, MOST_SIZES - 2)]
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         q, v = float(values[0]), s["velocity"]

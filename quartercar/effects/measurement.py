@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import factorial
 from typing import ClassVar
 
 import numpy as np
@@ -15,13 +16,12 @@ from lpvid.effects.effect import Effect, EffectParameter, GridEffect, LpvChange
 from quartercar.effects.electrical import LAG_SHARE, LateEffect, read_earlier
 from quartercar.effects.force_output import no_force
 from quartercar.effects.splines import spline_shifted
+from quartercar.effects.viscous import thresholds
 
 DELAY = EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016))
 """by which a channel is recorded later than another"""
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
-BESSEL = (0.7235, 1.0944)
-"""damping of the pair of poles of Bessel's filter of order three, and time constant of the single one over theirs"""
 HAIRS = np.geomspace(1e-3, 0.1, 9)
 """widths below the largest force, as shares of it, within which a clipped force may scatter"""
 
@@ -185,8 +185,19 @@ class OneSidedFilter(ChainEffect):
 
 
 def _order_three(t: float) -> np.ndarray:
-    """Parameters of Bessel's filter of order three whose pair of poles has this time constant."""
-    return np.array([t, BESSEL[0], BESSEL[1] * t])
+    """Parameters of Bessel's filter of order three whose pair of poles has this time constant.
+
+    T, the damping of the pair, and the time constant of the single pole.
+
+    Examples
+    --------
+    >>> _order_three(1.0).round(4).tolist()
+    [1.0, 0.7235, 1.0945]
+    """
+    order = 3
+    poles = np.roots([factorial(order + k) / (2**k * factorial(k) * factorial(order - k)) for k in range(order + 1)])
+    pair, single = poles[np.argmax(poles.imag)], -float(poles.real[np.argmin(np.abs(poles.imag))])
+    return np.array([t, -pair.real / abs(pair), abs(pair) / single * t])
 
 
 class ForceOffset(ChainEffect):
@@ -262,8 +273,7 @@ class ForceClipping(Effect):
         return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_max", 0.0, (0.0, 0.05), (0.0, 1e6), (1e-3,)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        peak = max(float(np.abs(s.output).max()) for s in signals)
-        return [np.array([1 / (share * peak)]) for share in (0.55, 0.7, 0.85, 0.93, 0.97, 1.0) if peak > 0]
+        return [np.array([1 / force]) for force in thresholds([s.output for s in signals]) if force > 0]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if reason := no_force(baseline):

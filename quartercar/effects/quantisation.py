@@ -10,11 +10,12 @@ import numpy as np
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core, Signals
 from lpvid.effects.effect import Effect, EffectParameter, LpvChange
+from lpvid.rounding import HALF_DIGITS
 from quartercar.effects.force_output import no_force
 from quartercar.effects.measurement import MOTION
 
 COARSE = 2e-3
-"""share of its range from which a channel's step counts as coarse"""
+"""share of its range from which a channel's step counts as coarse, and of a step by which a value may miss the grid"""
 DITHER = 0.15
 """standard deviation of the noise before the rounding, in steps, which smooths the mean rounded force"""
 
@@ -87,13 +88,14 @@ def grid_step(values: np.ndarray) -> float | None:
     >>> grid_step(np.round(np.linspace(-99, 99, 500) / 7) * 7), grid_step(np.linspace(-99, 99, 500))
     (7.0, None)
     """
-    distinct = np.unique(np.round(values, 9))
+    distinct = np.unique(values)
+    distinct = distinct[np.append(True, np.diff(distinct) > HALF_DIGITS * np.ptp(values))]  # alike but for rounding
     if distinct.size < 3 or distinct.size > 0.5 * values.size:
         return None
     gaps = np.diff(distinct)
     step = float(np.median(gaps))
     off = np.abs(gaps / step - np.round(gaps / step))
-    return step if step > COARSE * float(np.ptp(values)) and float(off.max()) < 1e-3 else None
+    return step if step > COARSE * float(np.ptp(values)) and float(off.max()) < COARSE else None
 
 
 def mean_rounding(values: np.ndarray, step: float) -> np.ndarray:
@@ -150,7 +152,7 @@ def smoothed_within(values: np.ndarray, step: float) -> np.ndarray:
     spectrum = np.fft.rfft(odd)
     power = 2 * np.abs(spectrum) ** 2 / odd.size**2
     above = np.cumsum(power[::-1])[::-1]
-    allowed = step**2 / 12 * (1 - np.arange(power.size) / power.size)
+    allowed = (step / 2) ** 2 / 3 * (1 - np.arange(power.size) / power.size)
     quiet = np.flatnonzero(above <= allowed)
     corner = int(quiet[0]) if quiet.size else power.size
     spectrum[corner:] = 0.0

@@ -21,8 +21,8 @@ SENSORS: Mapping[str, tuple[str, ...]] = {
 SMALL = (-STEP, STEP)
 """relative changes at which a gain or a parameter of a car is screened: so small that their effect is the derivative
 (by the step that balances curvature and rounding in a central difference)"""
-LAST = len(SENSORS) - 1.0
-CHANNEL = EffectParameter("channel", "", "the sensor", 0.0, (0.0, LAST), (0.0, LAST), (0.0,), tuple(SENSORS))
+CHANNEL = EffectParameter("channel", "", "the sensor", 0.0, (0.0, len(SENSORS) - 1), (0.0, len(SENSORS) - 1), (0.0,),
+                          tuple(SENSORS))
 
 
 class SensorEffect(Effect):

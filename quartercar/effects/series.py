@@ -9,10 +9,8 @@ import numpy as np
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core, Linearised, Remembered, Signals
-from quartercar.effects.series_march import Elements, SeriesMarch
+from quartercar.effects.series_march import Elements, SeriesMarch, empty_trace
 from quartercar.effects.series_tangent import near
-
-NO_TRACE = np.empty((0, 5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class InSeries(SeriesMarch, Linearised):
             return rigid
         if s.coarse is not None:  # at the record's rate: a march on the faster clock costs more and changes little
             return rigid + s.refined(self(s.coarse) - self.core(s.coarse))
-        return self.march(s, rigid, self.law(s, rigid), NO_TRACE)
+        return self.march(s, rigid, self.law(s, rigid), empty_trace(0))
 
     def near(self, others: Sequence[Core]) -> list[Core]:
         return near(self, others)

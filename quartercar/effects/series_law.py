@@ -9,25 +9,22 @@ import numpy as np
 from lpvid.baselines.budgets import LONG
 from lpvid.baselines.signals import Core, Signals
 from lpvid.condition.constancy import DISTINCT
-from lpvid.rounding import EPS, HALF_DIGITS, TINY
+from lpvid.rounding import EPS, HALF_DIGITS, STEP, TINY
 from quartercar.effects.electrical import held
+from quartercar.effects.viscous import SLOW
 
 NODES = 257
 """number of speeds at which a law is tabulated"""
 REACH = 6.0
 """largest of them, in largest speeds of the record"""
-FINE = 0.01
-"""speed below which they are evenly spaced, in the same unit"""
 SEEN = 48
 """number of samples at which a law is tabulated, evenly in time"""
 RAMP = 0.1
 """share of the current's range that is a steep change of one that is not held; smaller ones are nearly linear"""
-RANK = 1e-5
+RANK = STEP
 """largest error of the combination of few speeds, as a share of the law's size, increasing with the speed"""
 SAME = HALF_DIGITS
 """relative difference below which the output of a core does not depend on the other samples: it has no memory"""
-PROBE = 0.02
-"""speed difference for the local slope of a core with memory, in root mean squares of the speed"""
 SOFTEST = 0.05
 """least such slope, in slopes of the regression of the force on the speed"""
 
@@ -167,7 +164,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
         Of the shapes 1 and w, its slope at least `SOFTEST` of that of the regression of the force on the speed.
     """
     v, speeds = s["velocity"], _nodes_of(s)
-    change = PROBE * (float(np.sqrt(np.mean(v**2))) or 1.0)
+    change = SLOW * (float(np.sqrt(np.mean(v**2))) or 1.0)
     slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
     least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), TINY)
     slope = np.maximum(slope, max(least, EPS))
@@ -228,8 +225,8 @@ def _top_speed(s: Signals) -> float:
 
 
 def _nodes_of(s: Signals) -> np.ndarray:
-    """(G,) speeds at which a law is tabulated along these signals, evenly in asinh(w/w_0)."""
-    return FINE * _top_speed(s) * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
+    """(G,) speeds at which a law is tabulated along these signals, evenly in asinh(w/w_0), w_0 `SLOW` of the top."""
+    return SLOW * _top_speed(s) * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / SLOW))
 
 
 def _table_samples(s: Signals) -> np.ndarray:

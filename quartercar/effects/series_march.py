@@ -18,6 +18,25 @@ STEEP = 3
 change of it; elsewhere 1"""
 
 
+TRACED = ("speed", "deflection", "force", "force over speed", "force over deflection")
+"""what the trace of a march holds of every stage: w, the deflection at which the law was evaluated, F and its slopes,
+that over the speed −1 on the floor"""
+
+
+def empty_trace(stages: int) -> np.ndarray:
+    """(stages, 5) memory for the trace of a march, by `TRACED`; of no stages where it is not wanted.
+
+    Parameters
+    ----------
+    stages : int
+
+    Returns
+    -------
+    (stages, 5) array
+    """
+    return np.empty((stages, len(TRACED)))
+
+
 @dataclass(frozen=True)
 class Elements:
     """Elements in series with the law.
@@ -141,7 +160,7 @@ class SeriesMarch:
         law : Law
             Along these signals.
         trace : (stages, 5) array
-            (0, 5) for none.
+            Of `empty_trace`, of no stages for none.
 
         Returns
         -------

@@ -8,14 +8,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from lpvid.baselines.budgets import REPLACED
+from lpvid.baselines.budgets import LONG, REPLACED
 from lpvid.baselines.signals import Core, Remembered, Signals
 from lpvid.toolkit import found_once
 from quartercar.effects.series_law import SAME, SEEN, Law, force_at_rest, with_memory
-from quartercar.effects.series_march import SeriesMarch
-
-CHUNK = 16384
-"""stages at which a core is evaluated together: its intermediate results fit the processor's cache"""
+from quartercar.effects.series_march import SeriesMarch, empty_trace
 
 
 def near(own: SeriesMarch, others: Sequence[Core]) -> list[Core]:
@@ -112,7 +109,7 @@ def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.nd
     sizes[0] = 1
     behind = np.cumsum(sizes)
     count = int(behind[-1])
-    trace, last, place = np.empty((count, 5)), np.empty(count, dtype=np.int64), np.empty(count)
+    trace, last, place = empty_trace(count), np.empty(count, dtype=np.int64), np.empty(count)
     out = own.march(s, rigid, law, trace)
     kernels.stages(parts, ends, last, place)
     stages = MarchStages(own.core, s, law, trace, last, place)
@@ -127,7 +124,7 @@ def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.nd
     first = 0
     while first < s.n_samples:
         begin = int(behind[first - 1]) if first else 0
-        until = max(int(np.searchsorted(behind, begin + CHUNK, side="right")), first + 1)
+        until = max(int(np.searchsorted(behind, begin + LONG, side="right")), first + 1)
         which = slice(begin, int(behind[until - 1]))
         part = cache(partial(stages.part, which))
         direct, softer = np.zeros((2, len(found), which.stop - begin))
@@ -228,7 +225,7 @@ class MarchStages:
     @found_once
     def _probes(self) -> tuple[Signals, Signals]:
         """Some of the first stages alone, and the same followed by those at twice the speed."""
-        first = self.part(slice(0, min(CHUNK, self.last.size)))
+        first = self.part(slice(0, min(LONG, self.last.size)))
         probed = np.linspace(0, first.n_samples - 1, min(SEEN, first.n_samples)).astype(int)
         few = self._signals({role: c[probed] for role, c in first.channels.items()}, first.places[probed])
         among = {role: np.tile(c, 2) for role, c in few.channels.items()}

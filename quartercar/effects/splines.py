@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
 
 from lpvid.rounding import EPS
 
-END = int(np.ceil(np.log(EPS) / np.log(2 - np.sqrt(3))))
-"""samples added to both ends of a channel, over which the effect of an end on the spline, 2 − √3 of it per sample,
-is lost in the last digit"""
+
+def _vanishing_samples() -> int:
+    """Samples over which the effect of an end on the spline, 2 − √3 of it per sample, is lost in the last digit."""
+    return int(np.ceil(np.log(EPS) / np.log(2 - np.sqrt(3))))
+
+
+END = _vanishing_samples()
+"""samples added to both ends of a channel"""
 
 
 def spline_shifted(values: np.ndarray, samples: float) -> np.ndarray:
@@ -79,5 +86,6 @@ def _between(weights: np.ndarray, share: float) -> np.ndarray:
     The four cubic pieces of a B-spline (de Boor 1978, A Practical Guide to Splines, chapter X).
     """
     n, rest = weights.size - 3, 1 - share
-    pieces = (rest**3 / 6, 2 / 3 - share**2 * (2 - share) / 2, 2 / 3 - rest**2 * (2 - rest) / 2, share**3 / 6)
+    pieces = (rest**3 / factorial(3), 2 / 3 - share**2 * (2 - share) / 2, 2 / 3 - rest**2 * (2 - rest) / 2,
+              share**3 / factorial(3))
     return sum((p * weights[k: k + n] for k, p in enumerate(pieces)), np.zeros(n))

@@ -18,6 +18,7 @@ from quartercar.effects.electrical import SEEN_AFTER, clocked
 from quartercar.effects.force_output import SAME_FORM, no_force
 from quartercar.effects.resonances import natural_frequencies
 from quartercar.effects.second_order import second_order
+from quartercar.effects.viscous import thresholds
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is defined [m]"""
@@ -44,9 +45,9 @@ class EndStop(Effect):
                                 (1.0, 3.0), (1.0,)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        reach = np.concatenate([np.abs(s["displacement"]) for s in signals])
         stiffness, _, exponent = (p.grid[0] for p in self.parameters)
-        return [np.array([stiffness, float(np.quantile(reach, q)), exponent]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
+        *positions, _ = thresholds([s["displacement"] for s in signals])
+        return [np.array([stiffness, position, exponent]) for position in positions]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return no_force(baseline)

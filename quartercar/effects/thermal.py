@@ -10,13 +10,12 @@ import numpy as np
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core, Signals
 from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.rounding import HALF_DIGITS
 from quartercar.effects.force_output import no_force
 from quartercar.effects.viscous import static_share, viscous_slope
 
 COOLING_TIME = EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), (20.0, 200.0))
 """second parameter of the thermal causes"""
-SWEEPS = 4
-"""fixed-point iterations of heat and force"""
 
 
 def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
@@ -87,9 +86,11 @@ def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray],
                 return heat
         parts = parts or cold(record)
         force, heat = parts[0], np.zeros(record.n_samples)
-        for _ in range(SWEEPS):
-            heat = stored_heat(record, force * record["velocity"], cooling)
+        for _ in range(record.n_samples):  # a force depends on the heat of earlier samples alone
+            before, heat = heat, stored_heat(record, force * record["velocity"], cooling)
             force = warm(parts, heat)
+            if not np.abs(heat - before).max() > HALF_DIGITS * heat.max():
+                break
         known.append((record, heat))
         return heat
 

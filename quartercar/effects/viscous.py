@@ -12,15 +12,15 @@ import numpy as np
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import REPLACED
 from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.effect import MOST_SIZES
 from lpvid.rounding import TINY
 from lpvid.toolkit import found_once
 
+SLOW = 0.01
+"""share of a record's largest or rms speed that is slow: a friction reverses there, a law is even between the nodes of
+its table, its slope is a difference, and a motion that differs by less is the same"""
 TOP = 0.999
 """quantile of the speed at which the slope of a law is taken"""
-HALF = 0.6
-"""share of it that is the lower speed"""
-FASTEST = 0.98
-"""quantile of the speed that a scale of speeds at which a cause is screened refers to"""
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
@@ -51,8 +51,8 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
         return np.where(v < 0, shares.falling, shares.rising)
     signs = s.fact("velocity", "direction without rest", lambda v: np.where(v < 0, -1.0, 1.0))
     fast = s.cached("signals at high speed", lambda: s.evaluated(velocity=signs * _top(s)))
-    slower = s.cached("signals at a lower speed", lambda: s.evaluated(velocity=signs * (HALF * _top(s))))
-    return np.maximum(signs * (core(fast) - core(slower)) / ((1 - HALF) * _top(s)), 0.0)
+    slower = s.cached("signals at a lower speed", lambda: s.evaluated(velocity=signs * (0.5 * _top(s))))
+    return np.maximum(signs * (core(fast) - core(slower)) / (0.5 * _top(s)), 0.0)
 
 
 def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
@@ -109,30 +109,30 @@ class _Shares:
 
     @found_once
     def _forwards(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._at(1.0), self._at(HALF)
+        return self._at(1.0), self._at(0.5)
 
     @found_once
     def _backwards(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._at(-1.0), self._at(-HALF)
+        return self._at(-1.0), self._at(-0.5)
 
     @found_once
     def rising(self) -> np.ndarray:
         """(n,) slope at positive speeds [N·s/m]."""
         high, low = self._forwards
-        return self._repeated(np.maximum((high - low) / ((1 - HALF) * self.top), 0.0))
+        return self._repeated(np.maximum((high - low) / (0.5 * self.top), 0.0))
 
     @found_once
     def falling(self) -> np.ndarray:
         """(n,) slope at negative speeds [N·s/m]."""
         high, low = self._backwards
-        return self._repeated(np.maximum((low - high) / ((1 - HALF) * self.top), 0.0))
+        return self._repeated(np.maximum((low - high) / (0.5 * self.top), 0.0))
 
     @found_once
     def static(self) -> np.ndarray:
         """(n,) static share [N]."""
         (high, low), (back_high, back_low) = self._forwards, self._backwards
         even, even_low = (high + back_high) / 2, (low + back_low) / 2
-        even, still = even_low - (even - even_low) * HALF / (1 - HALF), self._at(0.0)
+        even, still = 2 * even_low - even, self._at(0.0)
         share = np.where(even * still > 0, np.sign(still) * np.minimum(np.abs(even), np.abs(still)), 0.0)
         return self._repeated(share)
 
@@ -172,12 +172,36 @@ def measured_slope(signals: Sequence[Signals]) -> float:
     top = max(_top(s) for s in signals)
     v = np.concatenate([np.abs(s["velocity"]) for s in signals])
     f = np.concatenate([s.output * np.sign(s["velocity"]) for s in signals])
-    fast, medium = v > HALF * top, (v > 0.2 * top) & (v < 0.4 * top)
+    fast, medium = v > top / 2, (v > top / 4) & (v < top / 2)
     whole = abs(_regressed(v, f))
     if not fast.any() or not medium.any():
         return max(whole, TINY)
     rise = float(f[fast].mean() - f[medium].mean()) / float(v[fast].mean() - v[medium].mean())
-    return max(rise, 0.1 * whole, TINY)
+    return rise if rise > 0 else max(whole, TINY)
+
+
+def thresholds(sizes: Sequence[np.ndarray]) -> list[float]:
+    """Levels at which a cause that acts beyond one is screened: beyond each lie half of the samples beyond the last.
+
+    Quantiles ½, ¾, ⅞ … and the largest value, so that what the cause changes differs alike from level to level.
+
+    Parameters
+    ----------
+    sizes : sequence of (n,) arrays
+        Speeds, displacements or forces, record by record, of which the modulus counts.
+
+    Returns
+    -------
+    list of float
+        Increasing, `MOST_SIZES` of them, in the unit of the values.
+
+    Examples
+    --------
+    >>> thresholds([np.linspace(-64.0, 0.0, 65)])
+    [32.0, 48.0, 56.0, 60.0, 62.0, 64.0]
+    """
+    shares = np.append(1 - 0.5 ** np.arange(1, MOST_SIZES), 1.0)
+    return [float(q) for q in np.quantile(np.abs(np.concatenate(sizes)), shares)]
 
 
 def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list[float]:
@@ -197,6 +221,21 @@ def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list
     """
     speed = np.concatenate([np.abs(s["velocity"]) for s in signals])
     return [float(q) for q in np.quantile(speed, shares)]
+
+
+def top_speed(signals: Sequence[Signals]) -> float:
+    """The speed of nearly all samples: quantile `TOP` over all records [m/s]; 1 where there is no motion.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        With velocity.
+
+    Returns
+    -------
+    float
+    """
+    return speed_quantiles(signals, (TOP,))[0] or 1.0
 
 
 def _top(s: Signals) -> float:

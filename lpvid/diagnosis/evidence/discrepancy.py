@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.rounding import HALF_DIGITS, TINY
+from lpvid.rounding import HALF_DIGITS, STEP, TINY
 
 FEATURES = 80
 """random Fourier features; with twice as many no evidence of measured records changed beyond rounding"""
@@ -19,8 +19,8 @@ ACCEPTABLE_MISFIT = 2 * TYPICAL_MISFIT
 """root mean square of an error, over the output's, that a good law may leave: twice the typical one"""
 MISFIT_SIZES = TYPICAL_MISFIT * np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0])
 """values of τ, of which the most probable is taken"""
-REFINEMENTS, GRID_SIZE = 4, 17
-"""refinements of the grid about the most probable noise, and points of each grid: to a 5000th"""
+GRID_SIZE = 17
+"""points of each grid about the most probable noise, refined until its steps change the likelihood within rounding"""
 FEATURE_RATES = (0.4, 1.0, 2.5)
 """angular rates of the features [rad per standard deviation of the inputs]: smooth, not a table"""
 
@@ -128,10 +128,10 @@ def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count:
         Of the sizes in `MISFIT_SIZES`, the one that is most probable.
     """
     mean = max(squared / count, TINY)
-    low, high = np.full(MISFIT_SIZES.size, np.log(mean) - 9.0), np.full(MISFIT_SIZES.size, np.log(mean) + 1.0)
+    low, high = np.full(MISFIT_SIZES.size, np.log(mean * STEP)), np.full(MISFIT_SIZES.size, np.log(mean) + 1.0)
     variance = (MISFIT_SIZES * d.output_rms) ** 2
     rows = np.arange(MISFIT_SIZES.size)
-    for _ in range(REFINEMENTS):
+    while float((high - low).max()) > np.sqrt(STEP):  # about the maximum the logarithm is a parabola
         grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, GRID_SIZE)
         values = _log_likelihood(np.exp(grid), variance[:, None], squared, projected_error, d.power, count, kappa)
         k = values.argmax(axis=1)

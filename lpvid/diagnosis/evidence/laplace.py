@@ -13,6 +13,7 @@ from lpvid.baselines.spectra import noisier
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
 from lpvid.diagnosis.evidence.effective_samples import NoiseFloor, noise_floor
 from lpvid.diagnosis.evidence.priors import (
+    SHAPE_FACTOR,
     determined_count,
     deviation_penalty,
     inclusion_prior,
@@ -24,10 +25,6 @@ from lpvid.diagnosis.refitting import Refit
 from lpvid.effects.effect import Effect
 from lpvid.rounding import EXPLODED, HALF_DIGITS, STEP, TINY
 from lpvid.validation.trust import QUANTILE
-
-BASELINE_PRIOR_SCALE = 10.0
-"""standard deviation of the prior of a baseline's parameters in their own scales; the same for all sets, so that it
-cancels"""
 
 NEGLIGIBLE_CHANGE = STEP
 """change of the output, as a share of its rms, below which a member counts as absent: its derivatives, by differences
@@ -210,7 +207,7 @@ class EvaluatedSet:
         composition, vector = self.fit.composition, self.fit.vector
         total, precision = 0.0, np.zeros(vector.size)
         deviation, integrated = np.zeros(vector.size), np.full(vector.size, True)
-        precision[: composition.own] = (1 / BASELINE_PRIOR_SCALE / composition.scales[: composition.own]) ** 2
+        precision[: composition.own] = (1 / SHAPE_FACTOR / composition.scales[: composition.own]) ** 2
         output_norm = self.data.discrepancy.output_rms * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
             points = self.data.grid_points[effect.name]

@@ -14,7 +14,8 @@ COMPONENT_PROBABILITY, FORM_PROBABILITY = 0.05, 0.005
 STRENGTH_SCALE = 0.3
 """change of the output by a cause, as a share of the output's rms: half of all causes lie below (half-Cauchy scale)"""
 SHAPE_FACTOR = 10.0
-"""factor from the middle of its grid that is one standard deviation of a positive shape"""
+"""factor from the middle of its grid that is one standard deviation of a positive shape; and the standard deviation of
+a baseline's parameters in their own scales, the same in all sets"""
 MISFIT_MEDIAN, MISFIT_LOG_DEVIATION = 0.086, 0.47
 """structured error of the best law, as a share of the output's rms: median, and standard deviation of the logarithm,
 of fits by hand to fifteen groups of measured records (tests/benchmarks/real_answers.py)"""

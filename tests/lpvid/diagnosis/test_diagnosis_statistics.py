@@ -33,7 +33,7 @@ from lpvid._projection import projector, without
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.localise import _after_reversal, localise
+from lpvid.diagnosis.localise import _after_reversal, _bands, localise
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
@@ -216,14 +216,16 @@ class TestLocalise:
         problem, _ = problem_of(record(rng))
         tone = [np.sin(2 * np.pi * 3.0 * s.times) for s in problem.signals]
         found = {w.where: w.share for w in localise(problem, tone)}
-        assert found["1 to 5 Hz"] > 0.8
+        (band, share), = ((where, share) for where, share in found.items() if "Hz" in where)
+        low, high = (float(x) for x in band.removesuffix(" Hz").split(" to "))
+        assert low < 3.0 < high and share > 0.8
 
     def test_an_offset_counts_with_its_whole_power(self, rng: np.random.Generator) -> None:
         """Mean 1 and a tone of amplitude √2 hold half of the square each; stretches left out blur it."""
         problem, _ = problem_of(record(rng))
         errors = [1 + np.sqrt(2) * np.sin(0.2 * np.pi * np.arange(s.output.size)) for s in problem.signals]
-        found = {w.where: w.share for w in localise(problem, errors)}
-        assert found["0 to 1 Hz"] == pytest.approx(0.5, abs=0.06)
+        found = {w.where: w.share for w in _bands(problem, errors)}
+        assert next(share for where, share in found.items() if where.startswith("0 to")) == pytest.approx(0.5, abs=0.06)
 
     def test_a_velocity_that_never_changes_sign(self) -> None:
         assert not _after_reversal(np.ones(40)).any()

@@ -12,7 +12,6 @@ from lpvid.diagnosis.blocks import START_UP, Blocks
 from lpvid.diagnosis.evidence.thinning import (
     FEWEST_STRETCHES,
     SEARCH_SAMPLES,
-    TRANSITION,
     for_search,
     length_of,
     stretched,
@@ -42,7 +41,7 @@ def test_a_stretch_is_the_record_behind_the_time_that_leads_over_to_it():
     long = in_turn([moving(20000)])
     (found,) = stretched(long)
     assert len(found.stretches) >= FEWEST_STRETCHES and found.n_samples <= SEARCH_SAMPLES + length_of(long) * RATE
-    lead = round(TRANSITION * RATE)
+    lead = round(START_UP / 2 * RATE)
     for t, (first, last) in zip(found.stretches, found.pieces, strict=True):
         at = round(t.span[0] * long[0].n_samples)
         begin = first + (lead if first else 0)

@@ -101,6 +101,6 @@ def test_parts_of_the_march_change_nothing(hysteresis: bool, monkeypatch: pytest
     """The derivatives are gone through in parts; where these end is no matter."""
     composition, vector = made(("series-compliance", "coil-lag"), hysteresis)
     whole = composition.sensitivities(signals("swinging"), vector)
-    monkeypatch.setattr("quartercar.effects.series_tangent.CHUNK", 100)
+    monkeypatch.setattr("quartercar.effects.series_tangent.LONG", 100)
     parted = composition.sensitivities(signals("swinging"), vector)
     assert np.abs(parted - whole).max() <= 1e-12 * np.abs(whole).max()

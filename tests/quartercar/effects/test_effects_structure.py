@@ -7,10 +7,10 @@ import pytest
 from helpers.effect_signals import PERIOD, composed, current_itself, guo, motion, nothing, road_like, speed_itself
 from scipy.signal import lsim, lti
 
+from lpvid.baselines.budgets import LONG
 from lpvid.baselines.signals import Signals
 from lpvid.effects.composition import Composition
 from lpvid.effects.extended import ExtendedModel
-from quartercar.effects.between_samples import MOST
 from quartercar.effects.electrical import SEEN_AFTER
 from quartercar.effects.hydraulics import ValveDynamics
 from quartercar.effects.model_structure import ModelOrder
@@ -209,7 +209,7 @@ class TestResonance:
         error, before = (np.std(f - exact) / np.std(exact - force[::32]) for f in (got, by_samples))
         assert error < 0.5 * before and error < 0.1
 
-    @pytest.mark.parametrize(("samples", "times"), [(MOST // 4, 4), (MOST // 2, 2), (MOST // 2 + 1, 1)])
+    @pytest.mark.parametrize(("samples", "times"), [(LONG // 4, 4), (LONG // 2, 2), (LONG // 2 + 1, 1)])
     def test_a_long_record_is_asked_less_often_between_its_samples(self, samples: int, times: int) -> None:
         s = Signals(PERIOD, {"velocity": np.sin(2 * np.pi * 3 * PERIOD * np.arange(samples))}, np.zeros(samples))
         asked = []
