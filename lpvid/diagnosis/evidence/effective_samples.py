@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.rounding import TINY
+from lpvid.rounding import EXPLODED, TINY
 
 STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
@@ -95,7 +95,7 @@ def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarra
     error : (N,) array
         In the output's unit, one record after the other.
     carried : (N,) array, optional
-        Change of the output by as much noise of the motion sensors again; none where absent.
+        Change of the output by as much noise of the motion sensors again; none where absent, or where that run explodes.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarra
         return NoiseFloor(0.0, 0.0)
     power, count = _spectrum(problem, error)
     of_sensors = np.zeros_like(power)
-    if carried is not None and np.any(carried):
+    if carried is not None and np.any(carried) and np.abs(carried).max() < EXPLODED:
         carried_power = np.maximum(_spectrum(problem, carried)[0], TINY)
         of_sensors = min(_lowest(power / carried_power, count), 1.0) * carried_power
     white, scale = _lowest(np.maximum(power - of_sensors, 0.0), count), total / float(power.mean())
@@ -115,21 +115,21 @@ def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarra
     return NoiseFloor(min(white * scale, total - share), share)
 
 
-def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], carried: np.ndarray | None = None,
-                      alpha: float = STRUCTURED_SAMPLES) -> EffectiveSamples:
+def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES
+                      ) -> EffectiveSamples:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
-    p is the share of the error beyond the noise floor. All of it is a misfit of the law, or noise too slow to be
-    distinguished from one. Each sample of noise counts as independent, a misfit as α samples in all. Repeats give no
-    floor: where their inputs differ by a per cent, so do their outputs.
+    p is the share of the error beyond white noise at the level that the error has in the band without motion. All of it
+    is a misfit of the law, or noise too slow to be distinguished from one. Each sample of white noise counts as
+    independent, a misfit as α samples in all. Noise of the motion sensors that the model carries counts as a misfit
+    too: every lag reduces it, whether or not anything lags. Repeats give no floor: where their inputs differ by a per
+    cent, so do their outputs.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
-    carried : (N,) array, optional
-        As of `noise_floor`.
     alpha : float
         α.
 
@@ -142,10 +142,8 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], c
     total = float(np.mean(stacked**2))
     if not total > 0:
         return EffectiveSamples(1.0, 0.0, 0.0)
-    floor = noise_floor(problem, stacked, carried)
-    noise = floor.white + floor.carried
-    structured = 1 - noise / total
-    return EffectiveSamples(kappa_of(structured, problem.n_samples, alpha), structured, noise)
+    white = noise_floor(problem, stacked).white
+    return EffectiveSamples(kappa_of(1 - white / total, problem.n_samples, alpha), 1 - white / total, white)
 
 
 def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:

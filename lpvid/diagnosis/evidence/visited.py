@@ -137,8 +137,7 @@ class VisitedSets:
             best = self.best
             errors = self.problem.errors(best.fit.composition, best.fit.vector)
             found = best.fit.cached(("effective samples", self.alpha),
-                                    lambda w=best, e=errors, alpha=self.alpha: effective_samples(
-                                        self.problem, e, w.carried_noise, alpha))
+                                    lambda e=errors, alpha=self.alpha: effective_samples(self.problem, e, alpha))
             self.kappa, self.structured, self.floor = found.kappa, found.structured, found.floor
             if self.best is best:
                 return

@@ -20,7 +20,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.evidence import candidates, engine, outcome, selection
 from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component_support
 from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, Discrepancy, marginal
-from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples, noise_floor
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.priors import (
@@ -114,23 +114,22 @@ def test_the_floor_is_not_free_to_take_up_slow_noise():
 
 
 @pytest.mark.parametrize(("louder", "wave"), [(1.0, 0.0), (3.0, 0.0), (1.0, 1.0), (3.0, 1.0)])
-def test_sensor_noise_that_the_model_carries_is_no_structure(louder, wave):
+def test_as_much_sensor_noise_is_found_in_an_error_as_it_holds(louder, wave):
     """Noise of a derived velocity: white noise differenced. Its level is bounded by the error; its shape is given."""
     rng = np.random.default_rng(3)
     noise, again = (np.diff(rng.standard_normal(12001)) for _ in range(2))
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
-    slow = wave * np.sin(0.05 * np.arange(12000))
-    found = effective_samples(problem, [noise + slow], louder * problem.stack([again]))
-    wanted = wave**2 / 2 / (2 + wave**2 / 2)  # a difference of unit white noise has the variance 2
-    assert np.isclose(found.structured, wanted, atol=0.1)
-    assert effective_samples(problem, [noise + slow]).structured > 0.8  # by its colour alone
+    error = problem.stack([noise + wave * np.sin(0.05 * np.arange(12000))])
+    found = noise_floor(problem, error, louder * problem.stack([again]))
+    assert np.isclose(found.carried, 2.0, rtol=0.1)  # a difference of unit white noise has the variance 2
+    assert found.white < 0.1
 
 
-def test_noise_that_the_error_does_not_hold_is_no_part_of_the_floor():
+def test_noise_that_the_error_does_not_hold_is_no_part_of_it():
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
-    error = [np.sin(0.05 * np.arange(12000))]
+    error = problem.stack([np.sin(0.05 * np.arange(12000))])
     carried = problem.stack([np.random.default_rng(3).standard_normal(12000)])
-    assert effective_samples(problem, error, carried).structured > 0.99
+    assert noise_floor(problem, error, carried).carried < 0.01 * float(np.mean(error**2))
 
 
 def test_an_error_that_is_all_structure_counts_as_few_samples():
