@@ -95,7 +95,7 @@ def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarra
     error : (N,) array
         In the output's unit, one record after the other.
     carried : (N,) array, optional
-        Change of the output by as much noise of the motion sensors again; none where absent, or where that run explodes.
+        Change of the output by as much noise of the motion sensors again; none where absent or where it explodes.
 
     Returns
     -------
