@@ -274,14 +274,15 @@ def _changes_alone(search: SetSearch, fits: dict[frozenset[str], Refit], fit: Re
 
 
 def _named(selected: SelectedSet) -> dict[str, float]:
-    """Names without rivals in a set, and the reduction of the logarithm of the error by each."""
+    """Components named without rivals in a set, whatever their form, and the reduction of the logarithm of the error
+    by each."""
     error = max(selected.root.cost - selected.cost_reduction, TINY)
-    return {m.name: float(np.log1p(max(m.cost, 0.0) / error)) for m in selected.members
-            if selected.reason_not_named(m) is None and not m.rivals}
+    return {m.effect.component if m.name == m.effect.name else m.name: float(np.log1p(max(m.cost, 0.0) / error))
+            for m in selected.members if selected.reason_not_named(m) is None and not m.rivals}
 
 
 def _names_preserved(here: Mapping[str, float], most_probable: Mapping[str, float]) -> bool:
-    """Whether each name of the most probable set achieves half of its reduction of the error here too."""
+    """Whether each component named in the most probable set is named here and achieves half of its reduction too."""
     return all(2 * here.get(name, 0.0) >= reduction for name, reduction in most_probable.items())
 
 

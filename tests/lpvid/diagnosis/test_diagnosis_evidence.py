@@ -654,6 +654,18 @@ def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_
     assert selection._names_preserved(here, {"friction": 3.0}) is kept
 
 
+@pytest.mark.parametrize(("effect", "component", "name", "key"), [
+    ("inner-friction", "friction", "inner-friction", "friction"),  # the same component in another place
+    ("power", "power", "friction", "friction"),  # it reduces to that component at its numbers
+    ("spring", "spring", "spring", "spring"),
+])
+def test_a_component_keeps_its_name_in_every_form(effect, component, name, key):
+    member = SimpleNamespace(effect=SimpleNamespace(name=effect, component=component), name=name, cost=3.0, rivals=())
+    selected = SimpleNamespace(root=SimpleNamespace(cost=4.0), cost_reduction=3.0, members=(member,),
+                               reason_not_named=lambda m: None)
+    assert selection._named(selected) == {key: pytest.approx(np.log(4))}
+
+
 def test_what_the_samples_show_is_as_probable_as_another_cause_is_improbable():
     """A force clipped by its amplifier rests at its largest value, and is a candidate only where it does."""
     assert inclusion_prior(ForceClipping()) == pytest.approx(-inclusion_prior(CoilLag())) and \
