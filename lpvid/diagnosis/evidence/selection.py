@@ -274,11 +274,12 @@ def _changes_alone(search: SetSearch, fits: dict[frozenset[str], Refit], fit: Re
 
 
 def _named(selected: SelectedSet) -> dict[str, float]:
-    """Components named without rivals in a set, whatever their form, and the reduction of the logarithm of the error
-    by each."""
+    """Components named without rivals in a set, in whatever place, and the reduction of the logarithm of the error by
+    each. A flexible form in a component's place is not that component."""
     error = max(selected.root.cost - selected.cost_reduction, TINY)
-    return {m.effect.component if m.name == m.effect.name else m.name: float(np.log1p(max(m.cost, 0.0) / error))
-            for m in selected.members if selected.reason_not_named(m) is None and not m.rivals}
+    named = [m for m in selected.members if selected.reason_not_named(m) is None and not m.rivals]
+    keys = [m.name if m.effect.flexible or m.name != m.effect.name else m.effect.component for m in named]
+    return {key: float(np.log1p(max(m.cost, 0.0) / error)) for key, m in zip(keys, named, strict=True)}
 
 
 def _names_preserved(here: Mapping[str, float], most_probable: Mapping[str, float]) -> bool:

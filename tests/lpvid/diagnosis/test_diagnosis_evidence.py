@@ -657,10 +657,11 @@ def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_
 @pytest.mark.parametrize(("effect", "component", "name", "key"), [
     ("inner-friction", "friction", "inner-friction", "friction"),  # the same component in another place
     ("power", "power", "friction", "friction"),  # it reduces to that component at its numbers
-    ("spring", "spring", "spring", "spring"),
+    ("hysteresis", "friction", "hysteresis", "hysteresis"),  # flexible: it can describe more than the component
 ])
-def test_a_component_keeps_its_name_in_every_form(effect, component, name, key):
-    member = SimpleNamespace(effect=SimpleNamespace(name=effect, component=component), name=name, cost=3.0, rivals=())
+def test_a_component_keeps_its_name_in_every_place(effect, component, name, key):
+    part = SimpleNamespace(name=effect, component=component, flexible=effect == "hysteresis")
+    member = SimpleNamespace(effect=part, name=name, cost=3.0, rivals=())
     selected = SimpleNamespace(root=SimpleNamespace(cost=4.0), cost_reduction=3.0, members=(member,),
                                reason_not_named=lambda m: None)
     assert selection._named(selected) == {key: pytest.approx(np.log(4))}
