@@ -317,7 +317,7 @@ def picture(rows: list[Row], path: Path) -> None:
         bins, error = reliability(p, there)
         axes.plot([b[0] for b in bins], [b[1] for b in bins], style, label=f"{label}: error {error:.3f}")
     axes.set(xlabel="given", ylabel="share that is there", xlim=(0, 1.02), ylim=(0, 1.02),
-             title=f"{len(found)} components in {len({(c.rig, c.number) for c in found})} cases")
+             title=f"{len(found)} components in {sum(bool(claims([r])) for r in rows)} cases")
     axes.legend(loc="upper left")
     figure.savefig(path, dpi=110)
 

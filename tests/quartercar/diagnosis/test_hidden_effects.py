@@ -127,7 +127,7 @@ def test_a_constant_current_tells_nothing_of_its_lag() -> None:
     assert not row["named"], hidden_score.line(row)
 
 
-@pytest.mark.xfail(reason="of several causes 3 of 9 sets were exact, docs/diagnosis_boards.md")
+@pytest.mark.xfail(reason="of three causes at once 2 of 31 sets were exact, docs/diagnosis_boards.md")
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [
     7800100,  # a saturation that covers for a bent current law, each superfluous beside the other
