@@ -16,6 +16,9 @@ from quartercar.effects.viscous import static_share, viscous_slope
 
 COOLING_TIME = EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), (20.0, 200.0))
 """second parameter of the thermal causes"""
+SWEEPS = 20
+"""sweeps of heat and force at most. A sweep of a fade a reduces the error to (a P t)^k/k! of the heat, as the force
+depends on the heat of earlier samples alone: to `HALF_DIGITS` where the force falls to e⁻³ of what it was"""
 
 
 def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
@@ -86,7 +89,7 @@ def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray],
                 return heat
         parts = parts or cold(record)
         force, heat = parts[0], np.zeros(record.n_samples)
-        for _ in range(record.n_samples):  # a force depends on the heat of earlier samples alone
+        for _ in range(SWEEPS):
             before, heat = heat, stored_heat(record, force * record["velocity"], cooling)
             force = warm(parts, heat)
             if not np.abs(heat - before).max() > HALF_DIGITS * heat.max():

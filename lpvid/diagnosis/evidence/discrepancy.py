@@ -130,12 +130,13 @@ def marginal(squared: float, projected_error: np.ndarray, d: Discrepancy, count:
     mean = max(squared / count, TINY)
     low, high = np.full(MISFIT_SIZES.size, np.log(mean * STEP)), np.full(MISFIT_SIZES.size, np.log(mean) + 1.0)
     variance = (MISFIT_SIZES * d.output_rms) ** 2
-    rows = np.arange(MISFIT_SIZES.size)
-    while float((high - low).max()) > np.sqrt(STEP):  # about the maximum the logarithm is a parabola
+    rows, span = np.arange(MISFIT_SIZES.size), np.inf
+    while span > np.sqrt(STEP):  # about the maximum the logarithm is a parabola
         grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, GRID_SIZE)
         values = _log_likelihood(np.exp(grid), variance[:, None], squared, projected_error, d.power, count, kappa)
         k = values.argmax(axis=1)
         low, high = grid[rows, np.maximum(k - 1, 0)], grid[rows, np.minimum(k + 1, GRID_SIZE - 1)]
+        span = float((high - low).max())
     total = values.max(axis=1) - (MISFIT_SIZES / TYPICAL_MISFIT) ** 2 / 2
     best = int(np.argmax(total))
     noise = float(np.exp(grid[best, k[best]]))

@@ -8,6 +8,7 @@ from helpers.effect_signals import PERIOD, composed, road_like, speed_itself
 from scipy.integrate import solve_ivp
 
 from lpvid.baselines.signals import Signals
+from quartercar.effects import thermal
 from quartercar.effects.between_samples import between
 from quartercar.effects.thermal import ThermalFade, ViscousFade, stored_heat
 
@@ -120,3 +121,20 @@ def test_a_law_that_is_only_asked_fades_between_samples_by_the_heat_of_its_recor
     np.testing.assert_allclose(fine.of_record(s.times), np.minimum(fine.times, s.times[-1]), atol=1e-12)
     faded = composed(ThermalFade(), [1e-3, 20.0], fine, viscous)
     np.testing.assert_allclose(faded[::4], composed(ThermalFade(), [1e-3, 20.0], asked, viscous), rtol=1e-6, atol=1e-6)
+
+
+def test_a_fade_beyond_all_force_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trial of a descent may be far too large: heat and force agree after as many sweeps as there are samples."""
+    s, sweeps = constant(0.2), []
+    monkeypatch.setattr(thermal, "stored_heat", lambda *a: sweeps.append(a) or stored_heat(*a))
+    force = composed(ThermalFade(), [10.0, 100.0], s, viscous)
+    assert len(sweeps) <= thermal.SWEEPS and np.all(np.isfinite(force))
+
+
+def test_heat_and_force_agree() -> None:
+    """A damper that falls to a fifth of its force: one more sweep changes nothing."""
+    s, a, cooling = constant(0.2), 1e-3, 1e9
+    force = composed(ThermalFade(), [a, cooling], s, viscous)
+    heat = stored_heat(s, force * s["velocity"], cooling)
+    assert abs(force[-1] / viscous(s)[-1]) < 0.3
+    np.testing.assert_allclose(viscous(s) * (1 - a * heat), force, atol=1e-6 * np.abs(viscous(s)).max())
