@@ -222,8 +222,16 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
         ablations, unhelpful = _ablated(search, fits, w)
         other = None if unhelpful else _assessed(search, fits, sets, best, w, ablations, dropped)
         if other is not None and _names_preserved(_named(other), _named(found)) and _all_notable(other):
-            return other
+            return _named_alike(other, found)
     return found
+
+
+def _named_alike(other: SelectedSet, found: SelectedSet) -> SelectedSet:
+    """A set with the names of the most probable one: names come from the weights, places from the set to report."""
+    names = {m.effect.component: m.name for m in found.members if not m.effect.flexible}
+    members = [m if m.effect.flexible else replace(m, name=names.get(m.effect.component, m.name))
+               for m in other.members]
+    return replace(other, members=tuple(members))
 
 
 def _ablated(search: SetSearch, fits: dict[frozenset[str], Refit], w: EvaluatedSet) -> tuple[list[Refit], set[str]]:

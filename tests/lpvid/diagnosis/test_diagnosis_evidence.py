@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -652,6 +652,24 @@ def test_rivals_are_sought_in_the_most_probable_set_that_holds_a_cause():
 ])
 def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_set_to_report(here, kept):
     assert selection._names_preserved(here, {"friction": 3.0}) is kept
+
+
+def test_names_come_from_the_weights_and_places_from_the_set_to_report():
+    @dataclass(frozen=True)
+    class Part:
+        effect: SimpleNamespace
+        name: str
+
+    @dataclass(frozen=True)
+    class Chosen:
+        members: tuple
+
+    def part(name, component, flexible=False):
+        return Part(SimpleNamespace(component=component, flexible=flexible), name)
+
+    found = Chosen((part("friction", "friction"),))
+    other = Chosen((part("inner-friction", "friction"), part("hysteresis", "friction", True), part("spring", "spring")))
+    assert [m.name for m in selection._named_alike(other, found).members] == ["friction", "hysteresis", "spring"]
 
 
 @pytest.mark.parametrize(("effect", "component", "name", "key"), [
