@@ -109,7 +109,9 @@ def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarra
     of_sensors = np.zeros_like(power)
     if carried is not None and np.any(carried) and np.abs(carried).max() < EXPLODED:
         carried_power = np.maximum(_spectrum(problem, carried)[0], TINY)
-        of_sensors = min(_lowest(power / carried_power, count), 1.0) * carried_power
+        with np.errstate(over="ignore"):  # next to no noise is carried
+            ratio = power / carried_power
+        of_sensors = min(_lowest(ratio, count), 1.0) * carried_power
     white, scale = _lowest(np.maximum(power - of_sensors, 0.0), count), total / float(power.mean())
     share = min(float(of_sensors.mean()) * scale, total)
     return NoiseFloor(min(white * scale, total - share), share)
