@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.rounding import EPS, HALF_DIGITS, TINY
+from lpvid.rounding import HALF_DIGITS, TINY
 
 LAGS = (2, 6, 16)
 """samples by which inputs are delayed"""
@@ -45,8 +45,8 @@ def predictable_share(
     features = problem.stack(_features(problem.signals, channels))
     target = problem.stack(errors)
     scale = features.std(axis=0)
-    features = features[:, scale > EPS * max(float(scale.max(initial=0.0)), TINY)]
-    features = features / features.std(axis=0)
+    moving = scale > HALF_DIGITS * max(float(scale.max(initial=0.0)), TINY)
+    features = features[:, moving] / scale[moving]
     before, after = target**2, np.zeros((target.size, len(RIDGES)))
     for fold in (0, 1):
         train, test = problem.in_fold(1 - fold), problem.in_fold(fold)

@@ -166,7 +166,8 @@ class EvaluatedSet:
         Returns
         -------
         float
-            In nats; minus infinity also where a member changes less than `NEGLIGIBLE_CHANGE` of the output.
+            In nats; minus infinity also where a member changes less than `NEGLIGIBLE_CHANGE` of the output, and where
+            the sensitivities explode.
         """
         return -np.inf if self.at_bounds else self.evidence_ignoring_bounds(kappa)
 
@@ -199,7 +200,8 @@ class EvaluatedSet:
         law, integrated = effective & (np.arange(precision.size) < self.fit.composition.own), effective & integrated
         gaussian = 0.5 * np.log(2 * np.pi) * (integrated.sum() - law.sum())
         log_volume = gaussian - 0.5 * (_log_determinant(hessian, integrated) - _log_determinant(hessian, law))
-        return m.likelihood + prior + log_volume + sum(inclusion_prior(e) for e in self.effects)
+        evidence = m.likelihood + prior + log_volume + sum(inclusion_prior(e) for e in self.effects)
+        return evidence if np.isfinite(evidence) else -np.inf  # sensitivities explode: the determinant is lost
 
     @cached_property
     def _prior(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:

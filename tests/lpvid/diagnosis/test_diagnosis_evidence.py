@@ -90,6 +90,17 @@ def test_the_evidence_of_one_linear_cause_is_its_integral():
     assert np.isclose(won, likelihood + integral, atol=0.02)
 
 
+def test_a_set_whose_sensitivities_explode_has_no_evidence():
+    """Its determinant is lost, and with an infinite evidence no other set would have a weight."""
+    problem, composition = problem_of(record(np.random.default_rng(0), hidden=lambda u: 0.5 * np.sign(u)))
+    composition = Composition(composition.baseline, (Dry(),))
+    fit = refit(problem, composition, composition.neutral)
+    data = EvidenceData(problem, Discrepancy.of(problem, composition.baseline), {"dry": np.array([[0.1], [1.0]])})
+    assert np.isfinite(EvaluatedSet(data, fit).evidence(0.5))
+    exploded = replace(fit, cache={"jacobian": np.tile(1e70 * fit.jacobian[:, -1:], fit.vector.size)})
+    assert EvaluatedSet(data, exploded).evidence(0.5) == -np.inf
+
+
 def test_the_prior_of_a_strength_is_a_density_whatever_its_unit():
     for slope in (1e-4, 1.0, 1e6):
         whole = quad(lambda a, k=slope: np.exp(strength_prior(a * k, k)[0]), 0, 1e3 * STRENGTH_SCALE / slope, limit=500,

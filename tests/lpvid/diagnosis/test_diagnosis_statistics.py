@@ -196,6 +196,12 @@ class TestRemainder:
         share, spread = predictable_share(problem, errors, ["u"])
         assert share - 2 * spread > 0.5
 
+    def test_inputs_at_rest_predict_nothing(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng))
+        errors = [s.output - Bent().core(TRUE)(s) for s in problem.signals]
+        share, spread = predictable_share(problem, errors, ["c"])
+        assert share < 2 * spread + 0.02 and np.isfinite(spread)
+
 
 def test_knots_do_not_fall_on_each_other() -> None:
     even, crowded = np.linspace(-1, 1, 999), np.concatenate([np.linspace(0, 1e-3, 900), np.linspace(0, 1, 100)])
