@@ -1,0 +1,219 @@
+"""Which set is reported, what of it is named, and the verdict, on a toy."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.toy_diagnosis import Added, Bent, Cubic, Dry, Wave, record
+
+from lpvid.baselines.baseline import Coefficient
+from lpvid.diagnosis.evidence import engine, outcome, selection
+from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.evidence.search import SetSearch
+from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SetMember
+from lpvid.diagnosis.settings import DiagnosisSettings
+from lpvid.record import Channel, Record
+from lpvid.report.diagnosis import _cause_row
+
+
+@pytest.mark.parametrize("change, left, law_error, small", [
+    (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
+    (0.03, 0.1, 0.05, True)])
+def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, law_error, small):
+    member = SetMember(Dry(), "dry", np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
+    stated = member.reason_not_named(left, law_error)
+    assert (stated is not None) is small and (stated is None or "too little to be named" in stated)
+    assert LEAST_NAMED_CHANGE < NAMED_CHANGE
+
+
+class Knee(Added):
+    name, title = "knee", "sign of the input, rounded"
+    shape = staticmethod(lambda s: np.tanh(12 * s["u"]))
+
+
+def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
+    """Without either, with the other refitted, less than half a per cent changes; without both it is more."""
+    run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.06 * np.sign(u) + 0.06 * np.tanh(12 * u))
+    found = diagnose([run], Bent(), [Dry(), Knee()])
+    assert {c.name for c in found.causes} == {"dry", "knee"}
+
+
+def test_a_form_that_simulates_a_named_component_is_no_stand_in():
+    hidden = record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u))
+    found = diagnose([hidden], Bent(), [Dry()], settings=DiagnosisSettings(fit_baseline=False))
+    assert [c.name for c in found.causes] == ["dry"] and found.stand_ins == ()
+    whole = replace(found, causes=(replace(found.causes[0], name="friction", form="dry"),))
+    assert whole.stand_ins == () and whole.to_dict()["causes"][0]["form"] == "dry"
+    assert replace(found, causes=()).stand_ins == ("dry",) and "form" not in found.to_dict()["causes"][0]
+
+
+class Held(Bent):
+    """Its numbers cannot follow the data."""
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        return tuple(Coefficient(n, "", v, v + 1e-6, 1e-6) for n, v in zip("abc", self.vector, strict=True))
+
+
+def test_a_baseline_that_is_worse_than_the_mean_is_stated():
+    data = record(np.random.default_rng(5))
+    turned = Record({k: Channel(-data[k] if k == "y" else data[k], data.unit(k)) for k in data.channels}, 0.01)
+    found = diagnose([turned], Held(), [Cubic()], settings=DiagnosisSettings(fit_baseline=False))
+    assert found.causes or (found.verdict == "unexplained" and "than their mean" in found.reason)
+    assert found.before.esr_held_out > 1
+
+
+@pytest.fixture(scope="module")
+def contradicted() -> tuple[Record, Record]:
+    """In training a wave stands beside the step, and is named; in the other record one of the other sign."""
+    rng = np.random.default_rng(3)
+    training, other = (record(rng, level=0.1, hidden=lambda u, w=w: 0.8 * np.sign(u) + w * np.sin(9 * u))
+                       for w in (0.5, -2.0))
+    assert {c.name for c in diagnose([training], Bent(), [Dry(), Wave()]).causes} == {"dry", "wave"}
+    return training, other
+
+
+@pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
+def test_a_set_that_further_data_do_not_confirm_is_replaced_by_the_next(contradicted, monkeypatch, weights, kept):
+    """With the wave the error of the other record grows. Where that set has most weight the baseline stays."""
+    training, other = contradicted
+
+    def fixed(search):
+        known = [search.visited[frozenset(n)] for n in (("dry", "wave"), ("dry",), ())]
+        return sorted(zip(known, weights, strict=True), key=lambda t: -t[1])
+
+    monkeypatch.setattr(selection, "posterior", fixed)
+    monkeypatch.setattr(engine, "posterior", fixed)
+    monkeypatch.setattr(selection, "reported_set", lambda sets: next(w for w, _ in sets if "dry" in w.members))
+    found = diagnose([training], Bent(), [Dry(), Wave()], held_out=[other])
+    assert list(found.stand_ins) == kept
+    assert any(r.name == "wave" and "no lower" in r.why for r in found.rejected)
+    assert (found.after.esr_held_out < found.before.esr_held_out) is bool(kept)
+
+
+@pytest.mark.parametrize(("hidden", "weight", "wanted"), [
+    (0.5, 0.25, {"dry", "wave"}),  # nearly as probable, and it predicts better
+    (0.5, 0.04, {"dry"}),  # beyond all but a twentieth of the weight
+    (0.0, 0.25, {"dry"}),  # no better
+])
+def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hidden, weight, wanted):
+    """The most probable set is friction, whose name stays where another set has less error out of fold."""
+    data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u) + hidden * np.sin(9 * u))
+
+    weights = {frozenset({"dry"}): 1.0 - weight - 1e-9, frozenset({"dry", "wave"}): weight, frozenset(): 1e-9}
+
+    def weighed(search):
+        search.visited.pop(frozenset({"wave"}), None)  # no search need have visited every part of the set
+        return [(search.visited[m], p) for m, p in weights.items() if m in search.visited]
+
+    beside = {}
+
+    def rivals_beside(search, sets, best, effect, values):
+        beside[effect.name] = set(best.members)
+        return ()
+
+    monkeypatch.setattr(selection, "posterior", weighed)
+    monkeypatch.setattr(engine, "posterior", weighed)
+    monkeypatch.setattr(selection, "rivals_beside", rivals_beside)
+    found = diagnose([data], Bent(), [Dry(), Wave()])
+    assert found.extended is not None and set(found.extended.effects) == wanted
+    assert beside["dry"] == {"dry"}  # rivals were sought beside the most probable set, whichever is reported
+    assert [c.name for c in found.causes] == ["dry"] and set(found.stand_ins) == wanted - {"dry"}
+    assert found.causes[0].delta_bic < -10
+    assert found.weights is not None
+    reported = [set(w.names) for w in found.weights.sets if w.held_out_esr is not None]
+    assert reported == [wanted]  # the error stands beside the set that has it
+
+
+def test_rivals_are_sought_in_the_most_probable_set_that_holds_a_cause():
+    """Friction with one of four springs is sure, none of the springs is: what replaces friction alone is no rival."""
+    dry, springs = Dry(), [Wave(), Cubic()]
+    alone = SimpleNamespace(effects=(dry,))
+    sets = [(SimpleNamespace(effects=(springs[0],)), 0.4), (SimpleNamespace(effects=(springs[0], dry)), 0.3),
+            (SimpleNamespace(effects=(springs[1], dry)), 0.2), (alone, 0.1)]
+    assert selection._most_probable_with(dry, sets, alone) is sets[1][0]
+    assert selection._most_probable_with(Dry(), [(sets[0][0], 1.0)], alone) is alone
+
+
+@pytest.mark.parametrize(("here", "kept"), [
+    ({"friction": 1.6, "valve": 0.2}, True),
+    ({"friction": 0.4}, False),  # a valve that is less probable does the rest: its number would be no friction's
+    ({"valve": 3.0}, False),
+])
+def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_set_to_report(here, kept):
+    assert selection._names_preserved(here, {"friction": 3.0}) is kept
+
+
+def test_names_come_from_the_weights_and_places_from_the_set_to_report():
+    @dataclass(frozen=True)
+    class Part:
+        effect: SimpleNamespace
+        name: str
+
+    @dataclass(frozen=True)
+    class Chosen:
+        members: tuple
+
+    def part(name, component, flexible=False):
+        return Part(SimpleNamespace(component=component, flexible=flexible), name)
+
+    found = Chosen((part("friction", "friction"),))
+    other = Chosen((part("inner-friction", "friction"), part("hysteresis", "friction", True), part("spring", "spring")))
+    assert [m.name for m in selection._named_alike(other, found).members] == ["friction", "hysteresis", "spring"]
+
+
+@pytest.mark.parametrize(("effect", "component", "name", "key"), [
+    ("inner-friction", "friction", "inner-friction", "friction"),  # the same component in another place
+    ("power", "power", "friction", "friction"),  # it reduces to that component at its numbers
+    ("hysteresis", "friction", "hysteresis", "hysteresis"),  # flexible: it can describe more than the component
+])
+def test_a_component_keeps_its_name_in_every_place(effect, component, name, key):
+    part = SimpleNamespace(name=effect, component=component, flexible=effect == "hysteresis")
+    member = SimpleNamespace(effect=part, name=name, cost=3.0, rivals=())
+    selected = SimpleNamespace(root=SimpleNamespace(cost=4.0), cost_reduction=3.0, members=(member,),
+                               reason_not_named=lambda m: None)
+    assert selection._named(selected) == {key: pytest.approx(np.log(4))}
+
+
+@pytest.mark.parametrize("hidden", [0.8, 0.0])
+def test_an_error_that_a_set_lowers_is_no_noise_where_nothing_is_probable(hidden, monkeypatch):
+    """Where all weight is on the baseline alone, what a set takes away out of fold was no noise."""
+    monkeypatch.setattr(selection, "_confirmed_sets", lambda search, *_: [(search.visited[frozenset()], 1.0)])
+    run = record(np.random.default_rng(5), level=0.02 if hidden else 0.5, hidden=lambda u: hidden * np.sign(u))
+    found = diagnose([run], Bent(), [Dry(), Cubic()])
+    assert not found.causes and found.verdict == ("unexplained" if hidden else "nothing-to-explain")
+    assert ("the error is no noise: with" in found.reason and "dry" in found.reason) is bool(hidden)
+
+
+def test_a_cause_without_which_no_evidence_is_defined_has_no_bic(monkeypatch):
+    data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u))
+    member, score = selection._member, SetSearch.score
+
+    def assessed(*given):  # as where a strength of the set without it is at its bound
+        with monkeypatch.context() as patch:
+            patch.setattr(SetSearch, "score", lambda search, w: score(search, w) if w.members else -np.inf)
+            return member(*given)
+
+    monkeypatch.setattr(selection, "_member", assessed)
+    found = diagnose([data], Bent(), [Dry()])
+    assert [c.name for c in found.causes] == ["dry"] and found.causes[0].delta_bic is None
+    assert json.loads(json.dumps(found.to_dict()))["causes"][0]["delta_bic"] is None
+    assert _cause_row(found.causes[0])[0][5] == "–"
+
+
+@pytest.mark.parametrize(("acceptable", "verdict", "stated"), [
+    (1e-9, "unexplained", "nothing can be named (dry: it changes the output by"),
+    (10.0, "nothing-to-explain", "dry would change the output too little to be named"),
+])
+def test_a_change_too_small_to_be_named_is_no_unexplained_error_of_a_good_law(monkeypatch, acceptable, verdict, stated):
+    data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u))
+    monkeypatch.setattr(selection, "LEAST_NAMED_CHANGE", 0.99)
+    monkeypatch.setattr(outcome, "ACCEPTABLE_MISFIT", acceptable)
+    found = diagnose([data], Bent(), [Dry()])
+    assert found.verdict == verdict and stated in found.reason and not found.causes
+    assert [r.name for r in found.rejected] == ["dry"] and "too little" in found.rejected[0].why
+    assert (found.after == found.before) is (verdict == "nothing-to-explain")
