@@ -174,6 +174,10 @@ class SelectedSet:
     def reason_not_named(self, m: SetMember) -> str | None:
         """Why a member is not named; None where it is, or has rivals.
 
+        Nor is one named beside a flexible form that is not resolved and changes the output more. What the form stands
+        for is not known, and it describes that only roughly: of a spring that the candidates lack, `model-order` is the
+        lag, and friction the rest.
+
         Parameters
         ----------
         m : SetMember
@@ -182,6 +186,15 @@ class SelectedSet:
         -------
         str or None
         """
+        reason = self._reason(m)
+        form = next((f for f in self.members if f.effect.flexible and f.change > m.change
+                     and (f.rivals or self._reason(f))), None)
+        if reason or m.rivals or form is None:
+            return reason
+        return f"it changes the output by {m.change:.2%}, less than {form.effect.name}, which may stand for any of " \
+               "several components: it may be a part of one of these"
+
+    def _reason(self, m: SetMember) -> str | None:
         return m.reason_not_named(self.relative_error, self.law_error)
 
 

@@ -14,7 +14,7 @@ from lpvid.baselines.baseline import Coefficient
 from lpvid.diagnosis.evidence import engine, outcome, selection
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SetMember
+from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SelectedSet, SetMember
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.record import Channel, Record
 from lpvid.report.diagnosis import _cause_row
@@ -40,6 +40,23 @@ def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
     run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.06 * np.sign(u) + 0.06 * np.tanh(12 * u))
     found = diagnose([run], Bent(), [Dry(), Knee()])
     assert {c.name for c in found.causes} == {"dry", "knee"}
+
+
+@pytest.mark.parametrize(("flexible", "rivals", "change", "kept"), [
+    (True, (("lag", 0.2),), 0.05, False),  # a form that is not resolved and changes more
+    (True, (), 0.05, True),  # that is named
+    (True, (("lag", 0.2),), 0.02, True),  # that changes less
+    (False, (("lag", 0.2),), 0.05, True),  # a component: its rivals do what it does
+])
+def test_a_cause_may_be_a_part_of_what_a_larger_form_stands_for(flexible, rivals, change, kept):
+    def member(name: str, flexible: bool, rivals: tuple, change: float) -> SetMember:
+        effect = SimpleNamespace(name=name, flexible=flexible)
+        return SetMember(effect, name, np.zeros(1), 0.9, 0.9, 0.9, rivals, 1.0, 10.0, 1.0, change, 5.0)
+
+    dry, form = member("dry", False, (), 0.03), member("form", flexible, rivals, change)
+    selected = SelectedSet(*[None] * 3, 1.0, *[np.zeros(1)] * 2, (form, dry), 0.05, 0.0, (), [])  # type: ignore[arg-type]
+    reason = selected.reason_not_named(dry)
+    assert (reason is None) is kept and (kept or "less than form" in reason)
 
 
 def test_a_form_that_simulates_a_named_component_is_no_stand_in():
