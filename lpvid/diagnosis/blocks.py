@@ -22,6 +22,9 @@ GAP = 0.1
 START_UP = 0.25
 """time left out at the head of every record [s], or a twentieth of it if that is less; all of it at the head of a
 stretch out of one, before which there is another motion"""
+LOOK_AHEAD = 0.1
+"""time left out at the end of every record or stretch [s], or a fiftieth of it if that is less: where a channel was
+recorded late, by so much at most, its later samples are read, and beyond the end there are none"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,17 +74,20 @@ class Blocks:
         """
         period = signals[0].sample_time
         pieces = [(k, first, last, bool(s.stretches)) for k, s in enumerate(signals) for first, last in s.pieces]
-        heads = [max(start, round(START_UP / period if part else min(START_UP / period, 0.05 * (last - first))))
-                 for _, first, last, part in pieces]
-        total = sum(max(last - first - h, 0) for (_, first, last, _), h in zip(pieces, heads, strict=True)) * period
+        start_up = [START_UP / period if part else min(START_UP / period, 0.05 * (last - first))
+                    for _, first, last, part in pieces]
+        heads = [max(start, round(h)) for h in start_up]
+        pieces = [(k, first + head, last - round(LOOK_AHEAD / START_UP * h))
+                  for (k, first, last, _), head, h in zip(pieces, heads, start_up, strict=True)]
+        total = sum(max(last - first, 0) for _, first, last in pieces) * period
         length = float(np.clip(total / WANTED, SHORTEST, LONGEST))
         if total < FEWEST * length:
             cycle = 2 * np.pi * Scales.of(signals).time or SHORTEST
             length = max(total / FEWEST - period, min(SHORTEST, cycle))
         size = max(round(length / period), FEWEST)
         numbers, count, folds = [np.full(s.n_samples, -1) for s in signals], 0, []
-        for (k, begin, last, _), head in zip(pieces, heads, strict=True):
-            for first in range(begin + head, last - size + 1, size):
+        for k, begin, last in pieces:
+            for first in range(begin, last - size + 1, size):
                 numbers[k][first + round(GAP * size): first + size] = count
                 folds.append(count % 2)
                 count += 1

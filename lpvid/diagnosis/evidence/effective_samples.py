@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.rounding import EXPLODED, TINY
+from lpvid.rounding import EPS, EXPLODED, TINY
 
 STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
@@ -85,9 +86,10 @@ class NoiseFloor:
 def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarray | None = None) -> NoiseFloor:
     """Noise in an error of the spectrum S: a S_c(f) + b.
 
-    S_c is the spectrum of the motion sensors' noise at the model's output. As much of it is counted as the error holds
-    where it holds least of it: a is the ratio S/S_c in the quarter of the band where that is lowest, at most one. b is
-    the level that the rest has in the quarter of the band where it has least: that without motion.
+    Without motion sensors' noise b is the level that the error has in the quarter of the band where it has least: that
+    without motion. S_c is the spectrum of that noise at the model's output. a, from 0 to 1, and b then have the least
+    squares of 1 - (a S_c + b)/S: bands that hold more than noise hardly count. In white noise a is zero, in the
+    sensors' noise b.
 
     Parameters
     ----------
@@ -106,13 +108,13 @@ def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarra
     if not total > 0:
         return NoiseFloor(0.0, 0.0)
     power, count = _spectrum(problem, error)
-    of_sensors = np.zeros_like(power)
+    white, of_sensors, scale = _lowest(power, count), np.zeros_like(power), total / float(power.mean())
     if carried is not None and np.any(carried) and np.abs(carried).max() < EXPLODED:
-        carried_power = np.maximum(_spectrum(problem, carried)[0], TINY)
-        with np.errstate(over="ignore"):  # next to no noise is carried
-            ratio = power / carried_power
-        of_sensors = min(_lowest(ratio, count), 1.0) * carried_power
-    white, scale = _lowest(np.maximum(power - of_sensors, 0.0), count), total / float(power.mean())
+        mean, shape = float(power.mean()), _spectrum(problem, carried)[0]
+        most = max(float(shape.mean()), TINY) / mean
+        columns = np.column_stack([shape / most, np.full_like(power, mean)]) / np.maximum(power, EPS * mean)[:, None]
+        share, level = lsq_linear(columns, np.ones_like(power), ([0.0, 0.0], [most, np.inf])).x
+        of_sensors, white = share * shape / most, float(level) * mean
     share = min(float(of_sensors.mean()) * scale, total)
     return NoiseFloor(min(white * scale, total - share), share)
 

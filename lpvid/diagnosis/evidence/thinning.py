@@ -13,7 +13,7 @@ from lpvid.baselines.signals import Signals, SignalStretch, in_turn
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.bandwidth import PASSED
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
-from lpvid.diagnosis.blocks import SHORTEST, START_UP, Blocks
+from lpvid.diagnosis.blocks import LOOK_AHEAD, SHORTEST, START_UP, Blocks
 from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -108,7 +108,8 @@ def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
     """
     if static:
         return stretched(signals)
-    least = ((FEWEST_BLOCKS + len(signals)) * SHORTEST + len(signals) * START_UP) / signals[0].sample_time
+    ends = len(signals) * (START_UP + LOOK_AHEAD)
+    least = ((FEWEST_BLOCKS + len(signals)) * SHORTEST + ends) / signals[0].sample_time
     share = min(max(SEARCH_SAMPLES, least) / sum(s.n_samples for s in signals), 1.0)
     short = [replace(_cut(s, round(share * s.n_samples)), span=(s.span[0], s.span[0] + share * (s.span[1] - s.span[0]))
                      if s.span else None) for s in signals]
@@ -116,7 +117,7 @@ def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
 
 
 def length_of(signals: Sequence[Signals]) -> float:
-    """Length of a stretch [s]: the start-up, and two blocks or a period of the motion.
+    """Length of a stretch [s]: what is left out at its ends, and two blocks or a period of the motion.
 
     Parameters
     ----------
@@ -129,7 +130,7 @@ def length_of(signals: Sequence[Signals]) -> float:
         [s].
     """
     period = 2 * np.pi * Scales.of(signals).time
-    return START_UP + max(2 * SHORTEST, period)
+    return START_UP + max(2 * SHORTEST, period) + LOOK_AHEAD
 
 
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
@@ -152,7 +153,7 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
         One that holds all stretches; a single record of few samples as it is.
     """
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
-    size = round(length_of(signals) / period) + 1 + 2  # start-up and two blocks are each rounded to whole samples
+    size = round(length_of(signals) / period) + 2 + 2  # both ends and two blocks are each rounded to whole samples
     wanted = max(SEARCH_SAMPLES // size, FEWEST_STRETCHES, len(signals))
     if total <= max(wanted * size, SEARCH_SAMPLES):
         return tuple(signals) if len(signals) == 1 else (_whole(signals, _transition(period)),)
@@ -228,7 +229,7 @@ def _cut(s: Signals, last: int) -> Signals:
 
 
 def _most_active(s: Signals, count: int, size: int) -> list[int]:
-    """First samples of so many stretches, one in each part of equal length; the start-up does not count.
+    """First samples of so many stretches, one in each part of equal length; their ends do not count.
 
     In each part it is the stretch in which the inputs move most. In the part with the farthest reach it is the stretch
     of that reach, if this is a larger multiple of the median part's than the motion there: of 60 motions of the foreign
@@ -238,12 +239,12 @@ def _most_active(s: Signals, count: int, size: int) -> list[int]:
     for values in s.channels.values():
         for of, square in ((motion, np.diff(values, prepend=values[:1]) ** 2), (reach, (values - values.mean()) ** 2)):
             of += square / max(float(square.mean()), TINY)
-    head = round(START_UP / s.sample_time)
+    head, last = round(START_UP / s.sample_time), size - round(LOOK_AHEAD / s.sample_time)
     edges = np.linspace(0, s.n_samples, count + 1).round().astype(int)
     parts = [np.arange(a, min(max(b - size, a), s.n_samples - size) + 1) for a, b in pairwise(edges)]
     ratios, firsts = [], []
     for sums in (np.concatenate([[0.0], np.cumsum(of)]) for of in (motion, reach)):
-        inside = [sums[begins + size] - sums[begins + head] for begins in parts]
+        inside = [sums[begins + last] - sums[begins + head] for begins in parts]
         firsts.append([int(begins[np.argmax(w)]) for begins, w in zip(parts, inside, strict=True)])
         most = np.array([w.max() for w in inside])
         ratios.append(_multiples(most, float(np.median(most))))

@@ -107,7 +107,7 @@ def _named(name: str, problem: DiagnosisProblem, fit: Refit, rng: np.random.Gene
 
 
 def once(u: np.ndarray) -> np.ndarray:
-    return np.where(np.abs(np.arange(u.size) - 1240) < 30, 1.0, 1e-3 * np.sin(9 * u))
+    return np.where(np.abs(np.arange(u.size) - 1262) < 30, 1.0, 1e-3 * np.sin(9 * u))
 
 
 class Once(Added):
