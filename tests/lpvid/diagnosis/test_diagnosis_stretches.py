@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lpvid.baselines.signals import Signals, in_turn
-from lpvid.diagnosis.blocks import START_UP, Blocks
+from lpvid.diagnosis.blocks import LOOK_AHEAD, START_UP, Blocks
 from lpvid.diagnosis.evidence.thinning import (
     FEWEST_STRETCHES,
     SEARCH_SAMPLES,
@@ -49,6 +49,19 @@ def test_a_stretch_is_the_record_behind_the_time_that_leads_over_to_it():
             np.testing.assert_array_equal(values[begin:last], long[0][role][at + begin - first: at + last - first])
         np.testing.assert_array_equal(found.output[first:last], long[0].output[at: at + last - first])
         assert t.past is None or t.past.n_samples == at
+
+
+def test_what_was_recorded_late_is_read_inside_the_record():
+    """The correction of a delay reads later samples, of the same stretch wherever a sample counts."""
+    long = in_turn([moving(20000)])
+    later = round(LOOK_AHEAD * RATE)
+    for (s,) in (stretched(long), long):
+        (counted,) = Blocks.of([s]).mask()
+        for (first, last), span in zip(s.pieces, [t.span for t in s.stretches] or [(0.0, 1.0)], strict=True):
+            inside = first + np.flatnonzero(counted[first:last]) + later
+            assert inside.size and inside.max() < last
+            at = round(span[0] * long[0].n_samples) - first
+            np.testing.assert_array_equal(s["displacement"][inside], long[0]["displacement"][at + inside])
 
 
 def test_where_one_leads_over_to_the_next_nothing_jumps():
