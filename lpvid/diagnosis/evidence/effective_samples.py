@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.rounding import EPS, EXPLODED, TINY
+from lpvid.validation.trust import QUANTILE
 
 STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
@@ -69,54 +70,59 @@ def kappa_of(structured: float, samples: int, alpha: float) -> float:
     return 1 / max((1 - structured) + structured * samples / alpha, 1.0)
 
 
-@dataclass(frozen=True)
-class NoiseFloor:
-    """Noise in an error, at most as much as the error holds: variances, in the output's unit squared.
-
-    Attributes
-    ----------
-    white, carried : float
-        Of white noise, and of the noise of the motion sensors that the model carries to its output.
-    """
-
-    white: float
-    carried: float
-
-
-def noise_floor(problem: DiagnosisProblem, error: np.ndarray, carried: np.ndarray | None = None) -> NoiseFloor:
-    """Noise in an error of the spectrum S: a S_c(f) + b.
-
-    Without motion sensors' noise b is the level that the error has in the quarter of the band where it has least: that
-    without motion. S_c is the spectrum of that noise at the model's output. a, from 0 to 1, and b then have the least
-    squares of 1 - (a S_c + b)/S: bands that hold more than noise hardly count. In white noise a is zero, in the
-    sensors' noise b.
+def white_noise(problem: DiagnosisProblem, error: np.ndarray) -> float:
+    """Variance of white noise in an error: the level in the quarter of the band where it has least, without motion.
 
     Parameters
     ----------
     problem : DiagnosisProblem
     error : (N,) array
         In the output's unit, one record after the other.
-    carried : (N,) array, optional
-        Change of the output by as much noise of the motion sensors again; none where absent or where it explodes.
 
     Returns
     -------
-    NoiseFloor
-        Nothing where there is no error.
+    float
+        In its unit squared, at most the mean square of the error.
     """
     total = float(np.mean(error**2))
     if not total > 0:
-        return NoiseFloor(0.0, 0.0)
+        return 0.0
     power, count = _spectrum(problem, error)
-    white, of_sensors, scale = _lowest(power, count), np.zeros_like(power), total / float(power.mean())
-    if carried is not None and np.any(carried) and np.abs(carried).max() < EXPLODED:
-        mean, shape = float(power.mean()), _spectrum(problem, carried)[0]
-        most = max(float(shape.mean()), TINY) / mean
-        columns = np.column_stack([shape / most, np.full_like(power, mean)]) / np.maximum(power, EPS * mean)[:, None]
-        share, level = lsq_linear(columns, np.ones_like(power), ([0.0, 0.0], [most, np.inf])).x
-        of_sensors, white = share * shape / most, float(level) * mean
-    share = min(float(of_sensors.mean()) * scale, total)
-    return NoiseFloor(min(white * scale, total - share), share)
+    return min(_lowest(power, count) * total / float(power.mean()), total)
+
+
+def sensor_noise_share(problem: DiagnosisProblem, errors: Sequence[np.ndarray], carried: Sequence[np.ndarray]) -> float:
+    """Largest share a of the assumed noise of the motion sensors that errors of several models of one run may hold.
+
+    The errors have the spectra a C_k + b: C_k is that of what as much noise of the sensors again changes at the output
+    of model k, b white noise at the output. The sensors and the output's noise are the same whatever the model. a, from
+    0 to 1, and b have the least squares of 1 - (a C_k + b)/S_k: bands that hold more than noise hardly count. Returned
+    is the upper end of the 95 % interval of a: where the models pass the sensors' noise on as white, little is known.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    errors, carried : sequences of (N,) arrays
+        In the output's unit, one record after the other.
+
+    Returns
+    -------
+    float
+        0 where a model carries none, or a change explodes.
+    """
+    rows = []
+    for error, change in zip(errors, carried, strict=True):
+        if not (np.any(error) and np.any(change) and np.abs(change).max() < EXPLODED):
+            return 0.0
+        power = _spectrum(problem, error)[0]
+        columns = np.column_stack([_spectrum(problem, change)[0], np.ones_like(power)])
+        rows.append(columns / np.maximum(power, EPS * power.mean())[:, None])
+    stacked = np.vstack(rows)
+    scale = np.maximum(stacked.max(axis=0), TINY)
+    stacked = stacked / scale
+    found = lsq_linear(stacked, np.ones(len(stacked)), ([0.0, 0.0], [scale[0], np.inf]))
+    variance = 2 * found.cost / (len(stacked) - 2) * np.linalg.pinv(stacked.T @ stacked)[0, 0]
+    return float(min(found.x[0] + QUANTILE * np.sqrt(variance), scale[0]) / scale[0])
 
 
 def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], alpha: float = STRUCTURED_SAMPLES
@@ -146,7 +152,7 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     total = float(np.mean(stacked**2))
     if not total > 0:
         return EffectiveSamples(1.0, 0.0, 0.0)
-    white = noise_floor(problem, stacked).white
+    white = white_noise(problem, stacked)
     return EffectiveSamples(kappa_of(1 - white / total, problem.n_samples, alpha), 1 - white / total, white)
 
 

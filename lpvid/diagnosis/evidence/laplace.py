@@ -11,7 +11,6 @@ import numpy as np
 from lpvid.baselines.signals import Signals
 from lpvid.baselines.spectra import noisier
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
-from lpvid.diagnosis.evidence.effective_samples import NoiseFloor, noise_floor
 from lpvid.diagnosis.evidence.priors import (
     SHAPE_FACTOR,
     determined_count,
@@ -87,11 +86,6 @@ class EvaluatedSet:
         changes = [composition.predict(noisier(s, rng), vector) - composition.predict(s, vector)
                    for s in self.data.problem.signals]
         return self.data.problem.stack(changes)
-
-    @cached_property
-    def noise_floor(self) -> NoiseFloor:
-        """Noise in its error."""
-        return noise_floor(self.data.problem, self.fit.errors, self.carried_noise)
 
     @cached_property
     def projected_error(self) -> np.ndarray:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 
 from lpvid.diagnosis.evidence.calibration import Matcher, Support, match_component
+from lpvid.diagnosis.evidence.effective_samples import sensor_noise_share
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.search import SetSearch
@@ -164,7 +165,7 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
                 any(_contains(w, e, {effect.name, component}) for e, _ in others):
             continue
         lagging = any(e.path in LAGGING for e, _ in others)
-        cost = _cost_without_sensor_noise if lagging else _cost
+        cost = _cost_without_sensor_noise(best, w) if lagging else _cost
         reference = _with_same_filter(search, best, w, cost) if larger else best
         deficit = 0.5 * samples * np.log(cost(w) / cost(reference))
         achieves = reduced is None or cost(w) ** 2 < cost(reduced) * cost(best)
@@ -228,9 +229,11 @@ def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, 
                  for n in form.stands_for(values, search.problem.signals) if n in known)
 
 
-def _cost_without_sensor_noise(w: EvaluatedSet) -> float:
-    """Squared error of a set less the part that is noise of the motion sensors."""
-    return max(w.fit.cost - w.data.problem.n_samples * w.noise_floor.carried, EPS * w.fit.cost, TINY)
+def _cost_without_sensor_noise(*sets: EvaluatedSet) -> Callable[[EvaluatedSet], float]:
+    """Squared error of a set less the part that is noise of the motion sensors, of which some sets show the share."""
+    problem = sets[0].data.problem
+    share = sensor_noise_share(problem, [w.fit.errors for w in sets], [w.carried_noise for w in sets])
+    return lambda w: max(w.fit.cost - share * float(w.carried_noise @ w.carried_noise), EPS * w.fit.cost, TINY)
 
 
 def match_names(*names: str) -> Matcher:

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, Discrepancy, marginal
-from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples, noise_floor
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples, sensor_noise_share
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.priors import (
     STRENGTH_SCALE,
@@ -107,23 +107,36 @@ def test_the_floor_is_not_free_to_take_up_slow_noise():
     assert floor < effective_samples(problem, [noise]).floor < 1.5 * floor
 
 
-@pytest.mark.parametrize(("louder", "wave"), [(1.0, 0.0), (3.0, 0.0), (1.0, 1.0), (3.0, 1.0)])
-def test_as_much_sensor_noise_is_found_in_an_error_as_it_holds(louder, wave):
-    """Noise of a derived velocity: white noise differenced. Its level is bounded by the error; its shape is given."""
+@pytest.mark.parametrize(("louder", "wave", "white"), [
+    (1.0, 0.0, 0.0), (3.0, 0.0, 0.0), (1.0, 1.0, 0.0), (3.0, 1.0, 1.0)])
+def test_as_much_sensor_noise_is_found_in_an_error_as_it_holds(louder, wave, white):
+    """Noise of a derived velocity: white noise differenced. Its shape is given, its level is found."""
     rng = np.random.default_rng(3)
     noise, again = (np.diff(rng.standard_normal(12001)) for _ in range(2))
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
-    error = problem.stack([noise + wave * np.sin(0.05 * np.arange(12000))])
-    found = noise_floor(problem, error, louder * problem.stack([again]))
-    assert np.isclose(found.carried, 2.0, rtol=0.1)  # a difference of unit white noise has the variance 2
-    assert found.white < 0.1
+    error = problem.stack([noise + wave * np.sin(0.05 * np.arange(12000)) + white * rng.standard_normal(12000)])
+    found = sensor_noise_share(problem, [error], [louder * problem.stack([again])])
+    assert np.isclose(found * louder**2, 1.0, rtol=0.15)
+
+
+@pytest.mark.parametrize("sensors", [0.0, 1.0])
+def test_white_noise_of_the_output_is_none_of_the_sensors(sensors):
+    """By itself a model that passes the sensors' noise on as white does not separate the two; beside one that does not
+    it does, whose error lacks it."""
+    rng = np.random.default_rng(4)
+    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
+    at_output, passed, again = (rng.standard_normal(12000) for _ in range(3))
+    smooth = [lfilter([0.1], [1.0, -0.9], x) for x in (passed, again)]
+    errors = [problem.stack([at_output + sensors * x]) for x in (passed, smooth[0])]
+    assert np.isclose(sensor_noise_share(problem, errors, [problem.stack([x]) for x in (again, smooth[1])]), sensors,
+                      atol=0.1)
 
 
 def test_noise_that_the_error_does_not_hold_is_no_part_of_it():
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
     error = problem.stack([np.sin(0.05 * np.arange(12000))])
     carried = problem.stack([np.random.default_rng(3).standard_normal(12000)])
-    assert noise_floor(problem, error, carried).carried < 0.01 * float(np.mean(error**2))
+    assert sensor_noise_share(problem, [error], [carried]) < 0.01 * float(np.mean(error**2))
 
 
 def test_an_error_that_is_all_structure_counts_as_few_samples():
