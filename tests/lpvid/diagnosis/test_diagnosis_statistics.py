@@ -77,7 +77,7 @@ class TestScreening:
                 stated.append(mine.smallest_detectable or np.inf)
                 wanted = np.sqrt(DETECTABLE_RATIO + np.log(problem.n_samples))
             assert np.mean(reached) == pytest.approx(wanted, rel=0.2)
-            assert np.median(stated) == pytest.approx(strength, rel=0.2)
+            assert np.median(stated) == pytest.approx(strength, rel=0.25)
 
     def test_wrong_parameters_alone_are_no_cause(self, rng: np.random.Generator) -> None:
         """Dry friction seems to explain most of what a wrong p₂ leaves; beyond the sensitivities, nothing."""
