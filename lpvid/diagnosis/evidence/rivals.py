@@ -230,7 +230,7 @@ def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, 
 
 
 def _cost_without_sensor_noise(*sets: EvaluatedSet) -> Callable[[EvaluatedSet], float]:
-    """Squared error of a set less the part that is noise of the motion sensors, of which some sets show the share."""
+    """Cost of a set less what is noise of the motion sensors, at the level that the errors of some sets may hold."""
     problem = sets[0].data.problem
     share = sensor_noise_share(problem, [w.fit.errors for w in sets], [w.carried_noise for w in sets])
     return lambda w: max(w.fit.cost - share * float(w.carried_noise @ w.carried_noise), EPS * w.fit.cost, TINY)
