@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -41,7 +40,7 @@ class Blocks:
     fold : (count,) int array
         0 and 1 alternating in time.
     length : float
-        Of the shortest block [s].
+        Of a block [s].
     """
 
     number: tuple[np.ndarray, ...]
@@ -51,7 +50,7 @@ class Blocks:
 
     @classmethod
     def of(cls, signals: Sequence[Signals], start: int = 0) -> Blocks:
-        """Cut records into blocks of one length at least, `FEWEST` of them at least; those of a piece fill it.
+        """Cut records into blocks of equal length, at least `FEWEST` of them.
 
         An error lasts about as long as what causes it: blocks of one period of the motion are the shortest that are
         counted as independent of each other.
@@ -88,9 +87,8 @@ class Blocks:
         size = max(round(length / period), FEWEST)
         numbers, count, folds = [np.full(s.n_samples, -1) for s in signals], 0, []
         for k, begin, last in pieces:
-            ends = np.linspace(begin, last, max(last - begin, 0) // size + 1).round().astype(int)
-            for first, end in pairwise(ends):
-                numbers[k][first + round(GAP * (end - first)): end] = count
+            for first in range(begin, last - size + 1, size):
+                numbers[k][first + round(GAP * size): first + size] = count
                 folds.append(count % 2)
                 count += 1
         if count < FEWEST:
