@@ -62,7 +62,7 @@ class TestScreening:
     @pytest.mark.seconds
     def test_smallest_detectable_strength_is_detected(self) -> None:
         """At it, in white noise, √LR is on average √(10 + ln n)."""
-        rng = np.random.default_rng(21)
+        rng = np.random.default_rng(22)
         for cause in (Cubic(), Dry()):
             stated, reached, wanted, u = [], [], 0.0, drive(3000, rng)
             quiet = [_named(cause.name, *fitted(record(rng, u=u)), rng) for _ in range(15)]
@@ -77,7 +77,7 @@ class TestScreening:
                 stated.append(mine.smallest_detectable or np.inf)
                 wanted = np.sqrt(DETECTABLE_RATIO + np.log(problem.n_samples))
             assert np.mean(reached) == pytest.approx(wanted, rel=0.2)
-            assert np.median(stated) == pytest.approx(strength, rel=0.25)
+            assert np.median(stated) == pytest.approx(strength, rel=0.2)
 
     def test_wrong_parameters_alone_are_no_cause(self, rng: np.random.Generator) -> None:
         """Dry friction seems to explain most of what a wrong p₂ leaves; beyond the sensitivities, nothing."""
