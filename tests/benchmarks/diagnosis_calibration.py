@@ -3,6 +3,9 @@
     python tests/benchmarks/diagnosis_calibration.py OUT --foreign 100 --own 100 --seed 3
     python tests/benchmarks/diagnosis_calibration.py OUT --measured DATA
     python tests/benchmarks/diagnosis_calibration.py OUT --table [--picture FILE.png] [--csv FILE.csv]
+    python tests/benchmarks/diagnosis_calibration.py tests/benchmarks/claims --table
+
+The last line reads the claims that are kept with the project, a file per engine, so that sessions add up.
 
 A claim is a component of a weight of at least `LISTED` over the sets of the search, with its support and whether it is
 present. Forms of one component are one: breakaway friction is dry friction, air in the oil a spring. Left out, as
@@ -60,17 +63,43 @@ class Claim:
 
     Attributes
     ----------
-    rig : str
-    number : int
-        Of the case.
+    rig, case : str
+        `case` is the id of its row.
+    component : str
     support : Support
     there : bool
     """
 
     rig: str
-    number: int
+    case: str
+    component: str
     support: Support
     there: bool
+
+    @property
+    def number(self) -> int:
+        """Number of the case within its seed."""
+        return int(self.case.rsplit("-", 1)[1])
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case that was diagnosed: what was in it, what was named, and its claims.
+
+    Attributes
+    ----------
+    rig, case, kind, law : str
+    mark : str
+        One word on what was named.
+    claims : tuple of Claim
+    """
+
+    rig: str
+    case: str
+    kind: str
+    law: str
+    mark: str
+    claims: tuple[Claim, ...]
 
 
 # -- cases --------------------------------------------------------------------------------------------------------
@@ -187,21 +216,44 @@ def _by_answer(name: str, row: Row) -> bool | None:
     return None if parts & {*answer.related, *answer.accepted, *real_answers.PARALLEL} else False
 
 
-def claims(rows: list[Row], least: float = LISTED) -> list[Claim]:
-    """Every component of every case that has at least a weight, and is right or wrong."""
-    out = []
-    for row in rows:
-        for name, values in row.get("support", {}).items():
-            support = Support(*values)
-            there = judged(name, row) if support.weight >= least else None
-            if there is not None:
-                out.append(Claim(row["rig"], number(row), support, there))
-    return out
+def claims(row: Row, least: float = LISTED) -> tuple[Claim, ...]:
+    """Every component of a case that has at least a weight, and is right or wrong."""
+    supports = {name: Support(*values) for name, values in row["support"].items()}
+    there = {name: judged(name, row) for name, support in supports.items() if support.weight >= least}
+    return tuple(Claim(row["rig"], row["id"], name, supports[name], right)
+                 for name, right in there.items() if right is not None)
 
 
-def number(row: Row) -> int:
-    """Number of a case within its seed."""
-    return int(row["id"].rsplit("-", 1)[1])
+def diagnosed(rows: Sequence[Row]) -> list[Case]:
+    """The cases of rows; those that ended in an error are left out."""
+    return [Case(r["rig"], r["id"], r["kind"], r["law"], mark(r), claims(r)) for r in rows if "support" in r]
+
+
+COLUMNS = ("rig", "case", "kind", "law", "mark", "component", "weight", "against", "structured", "probability", "there")
+"""of a file of claims"""
+
+
+def keep(cases: Sequence[Case], path: Path) -> None:
+    """Write the claims of cases; a case without claims has a line without a component."""
+    lines = []
+    for case in cases:
+        about = (case.rig, case.case, case.kind, case.law, case.mark)
+        lines += [(*about, c.component, *(f"{v:.6g}" for v in (*astuple(c.support), c.support.probability)),
+                   int(c.there)) for c in case.claims] or [(*about, *[""] * (len(COLUMNS) - len(about)))]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *lines])
+
+
+def kept(path: Path) -> list[Case]:
+    """The cases of a file of claims."""
+    found: dict[tuple[str, str, str, str, str], list[Claim]] = {}
+    with path.open(newline="", encoding="utf-8") as file:
+        for line in csv.DictReader(file):
+            listed = found.setdefault((line["rig"], line["case"], line["kind"], line["law"], line["mark"]), [])
+            if line["component"]:
+                support = Support(float(line["weight"]), float(line["against"]), float(line["structured"]))
+                listed.append(Claim(line["rig"], line["case"], line["component"], support, line["there"] == "1"))
+    return [Case(*about, tuple(listed)) for about, listed in found.items()]
 
 
 def reliability(p: np.ndarray, there: np.ndarray) -> tuple[list[tuple[float, float, int]], float]:
@@ -248,9 +300,9 @@ def halves(found: Sequence[Claim]) -> tuple[list[Claim], list[Claim]]:
 
 def left_out(found: Sequence[Claim]) -> np.ndarray:
     """Probabilities of claims, each by the map of the cases of the nine other tenths."""
-    names = sorted({(c.rig, c.number) for c in found})
+    names = sorted({(c.rig, c.case) for c in found})
     place = dict(zip(names, np.random.default_rng(0).permutation(len(names)) % TENTHS, strict=True))
-    tenth = np.array([place[c.rig, c.number] for c in found])
+    tenth = np.array([place[c.rig, c.case] for c in found])
     p = np.zeros(len(found))
     for k in range(TENTHS):
         chosen = [c for c, t in zip(found, tenth, strict=True) if t == k]
@@ -259,13 +311,12 @@ def left_out(found: Sequence[Claim]) -> np.ndarray:
     return p
 
 
-def table(rows: list[Row]) -> str:
+def table(found_cases: Sequence[Case]) -> str:
     """The map of all cases; the reliability of weights, of the program's probabilities, and of maps on cases that they
     were not fitted to (ten-fold, and of the even cases on the odd ones); of all sources and of each."""
-    good = [r for r in rows if "support" in r]
-    found = claims(good)
+    found = [c for case in found_cases for c in case.claims]
     even, odd = halves(found)
-    lines = [f"{len(good)} cases, {len(found)} components",
+    lines = [f"{len(found_cases)} cases, {len(found)} components",
              f"map of all: {', '.join(f'{t:.2f}' for t in fitted(found))}",
              f"map of the even cases: {', '.join(f'{t:.2f}' for t in fitted(even))}"]
     kinds = (("weights", found, np.array([c.support.weight for c in found])),
@@ -279,14 +330,14 @@ def table(rows: list[Row]) -> str:
                 chance = by_chance(p[pick])
                 lines += [f"{label}, {rig}: calibration error {error:.3f} of {pick.sum()} (by chance {chance:.3f})",
                           *(f"  {a:.3f} given, {b:.3f} there, {n}" for a, b, n in bins if rig == "all")]
-    return "\n".join([*lines, *named_table(good)])
+    return "\n".join([*lines, *named_table(found_cases)])
 
 
-def named_table(rows: list[Row]) -> list[str]:
+def named_table(found_cases: Sequence[Case]) -> list[str]:
     """Cases by what was named."""
     lines = []
     for rig in ("foreign", "own", "measured"):
-        marks = [mark(r) for r in rows if r["rig"] == rig]
+        marks = [c.mark for c in found_cases if c.rig == rig]
         lines.append(f"named, {rig}: " + ", ".join(f"{marks.count(m)} {m}" for m in sorted(set(marks))))
     return lines
 
@@ -301,14 +352,14 @@ def mark(row: Row) -> str:
     return "right" if True in found else "silent"
 
 
-def picture(rows: list[Row], path: Path) -> None:
+def picture(found_cases: Sequence[Case], path: Path) -> None:
     """Reliability diagram: weights, and probabilities as the program gives them."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    found = claims(rows)
+    found = [c for case in found_cases for c in case.claims]
     there = np.array([float(c.there) for c in found])
     figure, axes = plt.subplots(figsize=(5, 4.5), layout="constrained")
     axes.plot([0, 1], [0, 1], color="0.7", lw=1)
@@ -317,7 +368,7 @@ def picture(rows: list[Row], path: Path) -> None:
         bins, error = reliability(p, there)
         axes.plot([b[0] for b in bins], [b[1] for b in bins], style, label=f"{label}: error {error:.3f}")
     axes.set(xlabel="given", ylabel="share that is there", xlim=(0, 1.02), ylim=(0, 1.02),
-             title=f"{len(found)} components in {sum(bool(claims([r])) for r in rows)} cases")
+             title=f"{len(found)} components in {len(found_cases)} cases")
     axes.legend(loc="upper left")
     figure.savefig(path, dpi=110)
 
@@ -337,15 +388,12 @@ def main() -> None:
     options.folder.mkdir(parents=True, exist_ok=True)
     if not options.table:
         run(options)
-    rows = read(options.folder)
-    print(table(rows))
+    found = diagnosed(read(options.folder)) + [c for file in sorted(options.folder.glob("*.csv")) for c in kept(file)]
+    print(table(found))
     if options.picture:
-        picture(rows, options.picture)
+        picture(found, options.picture)
     if options.csv:
-        with options.csv.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([("rig", "case", "weight", "probability", "there"), *(
-                (c.rig, c.number, f"{c.support.weight:.4f}", f"{c.support.probability:.4f}", int(c.there))
-                for c in claims(rows))])
+        keep(found, options.csv)
 
 
 if __name__ == "__main__":
