@@ -12,7 +12,8 @@ from lpvid.effects.scaling import Scales
 from lpvid.errors import InputError
 
 LONGEST, SHORTEST = 2.0, 0.4
-"""length of a block [s]; records too short for `FEWEST` of the shortest have blocks of a period of their motion"""
+"""length of a block [s]; records too short for `FEWEST` of the shortest have blocks of half a period of their motion at
+least"""
 WANTED = 30
 """blocks wanted over all records"""
 FEWEST = 8
@@ -38,7 +39,7 @@ class Blocks:
     count : int
         Blocks in all.
     fold : (count,) int array
-        0 and 1 alternating in time.
+        0 and 1 alternating in time, by a period of the motion at least.
     length : float
         Of a block [s].
     """
@@ -52,8 +53,9 @@ class Blocks:
     def of(cls, signals: Sequence[Signals], start: int = 0) -> Blocks:
         """Cut records into blocks of equal length, at least `FEWEST` of them.
 
-        An error lasts about as long as what causes it: blocks of one period of the motion are the shortest that are
-        counted as independent of each other.
+        An error lasts about as long as what causes it: a block holds a stroke at least, half a period of the motion.
+        Where it is shorter than a period two blocks in a row are of one fold, so that every fold has strokes of either
+        direction.
 
         Parameters
         ----------
@@ -81,15 +83,17 @@ class Blocks:
                   for (k, first, last, _), head, h in zip(pieces, heads, start_up, strict=True)]
         total = sum(max(last - first, 0) for _, first, last in pieces) * period
         length = float(np.clip(total / WANTED, SHORTEST, LONGEST))
+        in_a_row = 1
         if total < FEWEST * length:
-            cycle = 2 * np.pi * Scales.of(signals).time or SHORTEST
-            length = max(total / FEWEST - period, min(SHORTEST, cycle))
+            cycle = 2 * np.pi * Scales.of(signals).time or np.inf
+            length = max(total / FEWEST - period, min(SHORTEST, cycle / 2))
+            in_a_row = 1 if length >= min(SHORTEST, cycle) else 2
         size = max(round(length / period), FEWEST)
         numbers, count, folds = [np.full(s.n_samples, -1) for s in signals], 0, []
         for k, begin, last in pieces:
             for first in range(begin, last - size + 1, size):
                 numbers[k][first + round(GAP * size): first + size] = count
-                folds.append(count % 2)
+                folds.append(count // in_a_row % 2)
                 count += 1
         if count < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",

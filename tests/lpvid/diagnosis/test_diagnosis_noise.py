@@ -100,8 +100,18 @@ class TestBlocks:
         period, n = 1e-3, 2000
         signals = Signals(period, {"velocity": np.cos(2 * np.pi * hertz * period * np.arange(n))}, np.ones(n), "short")
         if not enough:
-            with pytest.raises(InputError, match=r"at least 8 blocks of 0\.4 s"):
+            with pytest.raises(InputError, match=r"at least 8 blocks of 0\.32"):
                 Blocks.of([signals])
             return
         blocks = Blocks.of([signals])
         assert blocks.count >= FEWEST and 1 / hertz <= blocks.length < 0.4
+
+    def test_folds_of_blocks_shorter_than_a_period_have_strokes_of_either_direction(self) -> None:
+        """Five periods make eight blocks; by turns each fold would see little but compression or rebound."""
+        period, n, hertz = 1e-3, 2000, 2.5
+        v = np.cos(2 * np.pi * hertz * period * np.arange(n))
+        blocks = Blocks.of([Signals(period, {"velocity": v}, np.ones(n), "short")])
+        assert blocks.count == FEWEST and 0.5 / hertz <= blocks.length < 1 / hertz
+        for fold in (0, 1):
+            share = np.mean(v[np.isin(blocks.number[0], np.flatnonzero(blocks.fold == fold))] > 0)
+            assert 0.3 < share < 0.7
