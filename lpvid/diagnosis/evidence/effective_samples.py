@@ -20,6 +20,8 @@ STRUCTURED_SAMPLES_RANGE = tuple((STRUCTURED_SAMPLES * np.geomspace(1 / 2, 2, 5)
 """values of α over which the weights of sets are averaged: it is uncertain by a factor of two; even in the logarithm"""
 SEGMENT = 64
 """samples of a segment of the averaged spectrum of which the noise floor is estimated: 3000 hold 90 of them"""
+BRIEF = SEGMENT // 4
+"""samples of a segment of the spectra that distinguish noise from bursts"""
 MOTIONLESS_BAND = 0.25
 """share of the band without motion: records are prepared at no less than four times the band that holds 99 % of the
 motion"""
@@ -71,7 +73,11 @@ def kappa_of(structured: float, samples: int, alpha: float) -> float:
 
 
 def white_noise(problem: DiagnosisProblem, error: np.ndarray) -> float:
-    """Variance of white noise in an error: the level in the quarter of the band where it has least, without motion.
+    """Variance of white noise in an error: its level in the quarter of the band where it has least, at most times.
+
+    There is noise at all times. The misfit of a law is short where the motion reverses or the current jumps, and as
+    wide as the band: a mean over time would count it as noise. So the mean is reduced by the ratio of the median to the
+    mean of the power over time, where the error has least, over that of normal noise.
 
     Parameters
     ----------
@@ -88,7 +94,9 @@ def white_noise(problem: DiagnosisProblem, error: np.ndarray) -> float:
     if not total > 0:
         return 0.0
     power, count = _spectrum(problem, error)
-    return min(_lowest(power, count) * total / float(power.mean()), total)
+    lowest = np.sort(power)[: max(int(MOTIONLESS_BAND * power.size), 1)]
+    level = float(lowest.mean()) / max(1.0 - QUARTER_MEAN / np.sqrt(count), MOTIONLESS_BAND)
+    return min(level * _usual_share(problem, error) * total / float(power.mean()), total)
 
 
 def sensor_noise_share(problem: DiagnosisProblem, errors: Sequence[np.ndarray], carried: Sequence[np.ndarray]) -> float:
@@ -156,21 +164,29 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     return EffectiveSamples(kappa_of(1 - white / total, problem.n_samples, alpha), 1 - white / total, white)
 
 
+def _usual_share(problem: DiagnosisProblem, error: np.ndarray) -> float:
+    """Median over time of an error's power at the frequency where it has least, over that of normal noise of the same
+    mean power; the segments are short, so that a burst is in few of them. The power of normal noise in a segment is
+    exponentially distributed, except at no frequency and at half the rate; its median is ln 2 of its mean."""
+    power = np.abs(_spectra(problem, error, BRIEF)[0][:, 1:-1]) ** 2
+    least = power[:, int(np.argmin(power.mean(axis=0)))] if power.size else np.zeros(0)
+    return float(np.median(least) / (np.log(2) * least.mean())) if least.any() else 1.0
+
+
 def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:
-    """Averaged power within the blocks over frequencies between none and half the rate, and segments averaged."""
-    size = int(min(SEGMENT, np.bincount(problem.block).min()))
-    window, total, count = np.hanning(size + 2)[1:-1], np.zeros(size // 2 + 1), 0
+    """Averaged power within the blocks over frequencies of both signs up to half the rate, the mean of which is that
+    over time (Parseval), and segments averaged."""
+    spectra, window = _spectra(problem, stacked, SEGMENT)
+    power = np.mean(np.abs(spectra) ** 2, axis=0)
+    return np.concatenate([power, power[1: -1 if window.size % 2 == 0 else None]]), len(spectra)
+
+
+def _spectra(problem: DiagnosisProblem, stacked: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
+    """(segments, frequencies) spectra of windowed segments within the blocks, half of each in the next one; the
+    window."""
+    size = int(min(longest, np.bincount(problem.block).min()))
+    window, parts = np.hanning(size + 2)[1:-1], []
     for b in range(problem.blocks.count):
         x = stacked[problem.block == b]
-        for first in range(0, x.size - size + 1, max(size // 2, 1)):
-            total += np.abs(np.fft.rfft(window * x[first: first + size])) ** 2
-            count += 1
-    both = np.concatenate([total, total[1: -1 if size % 2 == 0 else None]])  # mean over both signs: Parseval
-    return both / max(count, 1), max(count, 1)
-
-
-def _lowest(power: np.ndarray, count: int) -> float:
-    """Level of the lowest quarter of a spectrum, corrected for the scatter of averages over `count` segments."""
-    lowest = np.sort(power)[: max(int(MOTIONLESS_BAND * power.size), 1)]
-    return float(lowest.mean()) / max(1.0 - QUARTER_MEAN / np.sqrt(count), MOTIONLESS_BAND)
-
+        parts += [window * x[first: first + size] for first in range(0, x.size - size + 1, max(size // 2, 1))]
+    return np.fft.rfft(parts, axis=1), window

@@ -107,6 +107,18 @@ def test_the_floor_is_not_free_to_take_up_slow_noise():
     assert floor < effective_samples(problem, [noise]).floor < 1.5 * floor
 
 
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.1])
+def test_bursts_as_wide_as_the_band_are_no_noise(share):
+    """A law's misfit where the motion reverses: short, and at half the rate as strong as anywhere. Most of the squared
+    error is in the bursts, and the floor is that of the noise between them, up to what a median shifts."""
+    rng = np.random.default_rng(5)
+    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
+    bursts = np.repeat(rng.random(1500) < share, 8) * 4 * rng.standard_normal(12000)
+    found = effective_samples(problem, [rng.standard_normal(12000) + bursts])
+    assert 0.9 < found.floor < 1.1 + 3 * share
+    assert np.isclose(found.structured, 16 * share / (1 + 16 * share), atol=0.15)
+
+
 @pytest.mark.parametrize(("louder", "wave", "white"), [
     (1.0, 0.0, 0.0), (3.0, 0.0, 0.0), (1.0, 1.0, 0.0), (3.0, 1.0, 1.0)])
 def test_as_much_sensor_noise_is_found_in_an_error_as_it_holds(louder, wave, white):
