@@ -50,8 +50,8 @@ LISTED = 0.05
 BINS = 8
 """of the reliability, of equal numbers of claims"""
 TENTHS = 10
-RIDGE = 0.05
-"""of the squares of the map's slopes, so that they are finite whatever is separable"""
+STEEPEST = 10.0
+"""slope of a map, where its claims are separable"""
 KINDS = {e.name: e.form_of if e.form_of in {c.name for c in CATALOGUE} else e.component for e in CATALOGUE}
 """the component of every entry"""
 Row = dict
@@ -218,7 +218,7 @@ def _by_answer(name: str, row: Row) -> bool | None:
 
 def claims(row: Row, least: float = LISTED) -> tuple[Claim, ...]:
     """Every component of a case that has at least a weight, and is right or wrong."""
-    supports = {name: Support(*values) for name, values in row["support"].items()}
+    supports = {name: Support(*values[:2]) for name, values in row["support"].items()}
     there = {name: judged(name, row) for name, support in supports.items() if support.weight >= least}
     return tuple(Claim(row["rig"], row["id"], name, supports[name], right)
                  for name, right in there.items() if right is not None)
@@ -229,7 +229,7 @@ def diagnosed(rows: Sequence[Row]) -> list[Case]:
     return [Case(r["rig"], r["id"], r["kind"], r["law"], mark(r), claims(r)) for r in rows if "support" in r]
 
 
-COLUMNS = ("rig", "case", "kind", "law", "mark", "component", "weight", "against", "structured", "probability", "there")
+COLUMNS = ("rig", "case", "kind", "law", "mark", "component", "weight", "against", "probability", "there")
 """of a file of claims"""
 
 
@@ -251,7 +251,7 @@ def kept(path: Path) -> list[Case]:
         for line in csv.DictReader(file):
             listed = found.setdefault((line["rig"], line["case"], line["kind"], line["law"], line["mark"]), [])
             if line["component"]:
-                support = Support(float(line["weight"]), float(line["against"]), float(line["structured"]))
+                support = Support(float(line["weight"]), float(line["against"]))
                 listed.append(Claim(line["rig"], line["case"], line["component"], support, line["there"] == "1"))
     return [Case(*about, tuple(listed)) for about, listed in found.items()]
 
@@ -271,25 +271,25 @@ def by_chance(p: np.ndarray, draws: int = 200) -> float:
     return float(np.mean([reliability(p, (rng.random(p.size) < p).astype(float))[1] for _ in range(draws)]))
 
 
-def fitted(found: Sequence[Claim]) -> np.ndarray:
-    """Coefficients of the map of maximum likelihood (logistic regression; Platt 1999)."""
-    from scipy.optimize import minimize
+def fitted(found: Sequence[Claim]) -> float:
+    """Slope of the map of maximum likelihood (logistic regression; Platt 1999)."""
+    from scipy.optimize import minimize_scalar
 
-    features = np.array([c.support.features for c in found])
+    compressed = np.array([c.support.compressed for c in found])
     there = np.array([float(c.there) for c in found])
     rigs = [c.rig for c in found]
     share = np.array([len(found) / (len(set(rigs)) * rigs.count(r)) for r in rigs])  # sources have equal weight
 
-    def loss(theta: np.ndarray) -> float:
-        z = features @ theta
-        return float(share @ (np.logaddexp(0.0, z) - there * z) + RIDGE * np.sum(theta[1:] ** 2))
+    def loss(slope: float) -> float:
+        z = slope * compressed
+        return float(share @ (np.logaddexp(0.0, z) - there * z))
 
-    return np.asarray(minimize(loss, np.zeros(features.shape[1])).x)
+    return float(np.asarray(minimize_scalar(loss, bounds=(0.0, STEEPEST), method="bounded").x))
 
 
-def by_map(found: Sequence[Claim], theta: np.ndarray) -> np.ndarray:
+def by_map(found: Sequence[Claim], slope: float) -> np.ndarray:
     """Probabilities of claims by a map."""
-    return 1 / (1 + np.exp(-np.array([c.support.features for c in found]) @ theta))
+    return 1 / (1 + np.exp(-slope * np.array([c.support.compressed for c in found])))
 
 
 def halves(found: Sequence[Claim]) -> tuple[list[Claim], list[Claim]]:
@@ -317,8 +317,8 @@ def table(found_cases: Sequence[Case]) -> str:
     found = [c for case in found_cases for c in case.claims]
     even, odd = halves(found)
     lines = [f"{len(found_cases)} cases, {len(found)} components",
-             f"map of all: {', '.join(f'{t:.2f}' for t in fitted(found))}",
-             f"map of the even cases: {', '.join(f'{t:.2f}' for t in fitted(even))}"]
+             f"slope of all: {fitted(found):.2f}",
+             f"slope of the even cases: {fitted(even):.2f}"]
     kinds = (("weights", found, np.array([c.support.weight for c in found])),
              ("as given", found, np.array([c.support.probability for c in found])),
              ("tenths left out", found, left_out(found)), ("odd by even", odd, by_map(odd, fitted(even))))

@@ -170,7 +170,7 @@ def best_of(search: SetSearch) -> BestSoFar:
     nothing = sum(p for w, p in sets if not w.members)
     weights = SetProbabilities({}, float(nothing), 0.0, "not computed", tuple(
         VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:LISTED]),
-        component_support(sets, search.structured))
+        component_support(sets))
     return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
 
 

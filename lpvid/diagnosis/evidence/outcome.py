@@ -27,7 +27,7 @@ from lpvid.diagnosis.evidence.calibration import Support, component_support, mat
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY, SelectedSet, SetMember, least_change
+from lpvid.diagnosis.evidence.selection import SelectedSet, SetMember, least_change
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import ErrorRegime, localise
 from lpvid.diagnosis.noise import NoiseLevel
@@ -148,7 +148,7 @@ class EvidenceOutcome:
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
             weights=SetProbabilities(self._families(), float(sum(p for w, p in selected.sets if not w.members)),
                                      selected.law_error, _place(rest), self._listed_sets(after.esr_held_out),
-                                     component_support(selected.sets, self.search.structured)))
+                                     component_support(selected.sets)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember]
@@ -159,9 +159,7 @@ class EvidenceOutcome:
             f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run decides that"
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
-            sure = all(m.probability >= SURE_PROBABILITY for m in named) and \
-                all(m.change <= ACCEPTABLE_MISFIT for m in others)
-            if law_error <= ACCEPTABLE_MISFIT and not contested and sure:
+            if not contested and max(law_error, *(m.change for m in others), 0.0) <= ACCEPTABLE_MISFIT:
                 return "explained", f"{described}; {structure}, as much as a good law leaves{noise}"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
@@ -231,7 +229,7 @@ class EvidenceOutcome:
         if simpler is None:
             return m
         match = match_component(simpler) if simpler == e.form_of else match_names(simpler, e.name)
-        support = Support.of(selected.sets, match, self.search.structured)
+        support = Support.of(selected.sets, match)
         rivals = tuple((n, p) for n, p in m.rivals if n != simpler)
         return replace(m, name=simpler, probability=support.probability, weight=support.weight, rivals=rivals)
 
@@ -283,7 +281,7 @@ class EvidenceOutcome:
 
     def _families(self) -> dict[str, float]:
         families = {e.family for w, _ in self.selected.sets for e in w.effects}
-        found = {f: Support.of(self.selected.sets, match_family(f), self.search.structured).probability
+        found = {f: Support.of(self.selected.sets, match_family(f)).probability
                  for f in families}
         return dict(sorted(found.items(), key=lambda t: (-t[1], t[0])))
 

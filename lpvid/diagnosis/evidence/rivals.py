@@ -15,15 +15,15 @@ from lpvid.effects.effect import Effect
 from lpvid.rounding import EPS, TINY
 from lpvid.validation.trust import LEVEL
 
-NAMED_PROBABILITY = 2 / 3
-"""calibrated probability from which a cause, or a family, is named: twice as probable as not, where a wrong name costs
-twice what a missing one does (docs/diagnosis_boards.md: right and wrong names by this number)"""
+NAMED_PROBABILITY = 0.75
+"""calibrated probability from which a cause, or a family, is named: three times as probable as not, where a wrong name
+costs three times what a missing one does (docs/diagnosis_boards.md: right and wrong names by this number)"""
 SIGNIFICANT = 1 - LEVEL
 """one in twenty, as outside of every interval: p-value of the largest block statistic over all candidates, above which
 nothing is named; weight, and likelihood by the error alone, from which a rival is listed"""
 
 
-def reported_name(effect: Effect, component: str, sets: Sequence[tuple[EvaluatedSet, float]], structured: float
+def reported_name(effect: Effect, component: str, sets: Sequence[tuple[EvaluatedSet, float]]
                   ) -> tuple[str, Matcher, Support]:
     """The name under which an effect is reported, its matcher and its support.
 
@@ -36,8 +36,6 @@ def reported_name(effect: Effect, component: str, sets: Sequence[tuple[Evaluated
     component : str
         Component of which it is a form at its fitted parameters.
     sets : sequence of (EvaluatedSet, float)
-    structured : float
-        As for `Support.of`.
 
     Returns
     -------
@@ -45,13 +43,13 @@ def reported_name(effect: Effect, component: str, sets: Sequence[tuple[Evaluated
     match : Matcher
     support : Support
     """
-    whole = Support.of(sets, match_component(component), structured)
+    whole = Support.of(sets, match_component(component))
     if effect.component == component:
         return effect.name, match_component(component), whole
     if component != effect.form_of:  # it reduces to that at these parameters; in other sets they may differ a little
         either = match_names(component, effect.name)
-        return component, either, Support.of(sets, either, structured)
-    form = Support.of(sets, match_form(effect), structured)
+        return component, either, Support.of(sets, either)
+    form = Support.of(sets, match_form(effect))
     if form.probability < NAMED_PROBABILITY <= whole.probability:
         return component, match_component(component), whole
     return effect.name, match_form(effect), form
@@ -89,8 +87,8 @@ def name_in(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], w: Ev
     if simpler is not None and not certain:
         deficit = 0.5 * search.kappa * search.problem.n_samples * np.log(_cost(simpler) / _cost(w))
         if deficit > -np.log(SIGNIFICANT):
-            return effect.name, match_form(effect), Support.of(sets, match_form(effect), search.structured)
-    return reported_name(effect, component, sets, search.structured)
+            return effect.name, match_form(effect), Support.of(sets, match_form(effect))
+    return reported_name(effect, component, sets)
 
 
 def match_form(effect: Effect) -> Matcher:
@@ -129,7 +127,7 @@ def rivals_beside(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]],
     """
     name, match, support = name_in(search, sets, best, effect)
     if support.probability < NAMED_PROBABILITY:
-        return _alternatives(sets, best, effect, match, search.structured)
+        return _alternatives(sets, best, effect, match)
     found = _equally_likely(search, sets, best, effect)
     if name == effect.name:
         found += _described_components(search, sets, best, effect, values, {n for n, _ in found})
@@ -170,7 +168,7 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
         deficit = 0.5 * samples * np.log(cost(w) / cost(reference))
         achieves = reduced is None or cost(w) ** 2 < cost(reduced) * cost(best)
         if deficit < (0.0 if larger else -np.log(SIGNIFICANT)) and achieves:
-            found |= {e.name: Support.of(sets, match_component(k), search.structured).probability for e, k in others}
+            found |= {e.name: Support.of(sets, match_component(k)).probability for e, k in others}
     return tuple(found.items())
 
 
@@ -225,7 +223,7 @@ def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, 
                           form: Effect, values: np.ndarray, listed: Collection[str]) -> tuple[tuple[str, float], ...]:
     """Candidates that a form describes too (`Effect.stands_for`), except those that are listed already."""
     known = {e.name for e in search.candidates} - {*best.components, *best.members, *listed}
-    return tuple((n, Support.of(sets, match_component(n), search.structured).probability)
+    return tuple((n, Support.of(sets, match_component(n)).probability)
                  for n in form.stands_for(values, search.problem.signals) if n in known)
 
 
@@ -255,8 +253,8 @@ def _match_any(*matchers: Matcher) -> Matcher:
     return lambda w: next((e for match in matchers if (e := match(w)) is not None), None)
 
 
-def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect, match: Matcher,
-                  structured: float) -> tuple[tuple[str, float], ...]:
+def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect, match: Matcher
+                  ) -> tuple[tuple[str, float], ...]:
     """Alternatives to an effect, with their probabilities; none where all together are not probable enough.
 
     In a set without the effect, its alternative is the member that the best set does not have and that contains it
@@ -283,8 +281,8 @@ def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet
     without = sum(weights.values())
     for among in ([k for k, p in weights.items() if p > SIGNIFICANT],
                   [k for k in of_family if weights[k] > SIGNIFICANT * without]):
-        either = Support.of(sets, _match_any(match, *map(match_names, among)), structured)
+        either = Support.of(sets, _match_any(match, *map(match_names, among)))
         if either.probability >= NAMED_PROBABILITY:
-            return tuple((form[k], Support.of(sets, match_names(k), structured).probability)
+            return tuple((form[k], Support.of(sets, match_names(k)).probability)
                          for k in sorted(among, key=lambda k: -weights[k]))
     return ()

@@ -28,8 +28,6 @@ from lpvid.validation.trust import LEVEL
 
 T = TypeVar("T")
 R = TypeVar("R")
-SURE_PROBABILITY = 0.75
-"""calibrated probability from which a cause is sure, so that a set of such causes explains an error"""
 NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
 that is less (tests/benchmarks/real_causes.py)"""
@@ -267,7 +265,7 @@ def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[t
     members.sort(key=lambda m: -m.change)
     for k, m in enumerate(members):  # a component is named once, by the form that changes most
         if m.name != m.effect.name and m.name in {other.name for other in members[:k]}:
-            form = Support.of(sets, match_form(m.effect), search.structured)
+            form = Support.of(sets, match_form(m.effect))
             members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
     names = {m.effect.name for m in members}
     relative_error = search.relative_rms(after)
@@ -531,7 +529,7 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     gains = _gains(problem, ablation, after)
     before = _out_of_fold_cost(problem, ablation)
     name, _, support = name_in(search, sets, w, effect)
-    of_family = Support.of(sets, match_family(effect.family), search.structured).probability
+    of_family = Support.of(sets, match_family(effect.family)).probability
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     rivals = rivals_beside(search, sets, _most_probable_with(effect, sets, w), effect, values)
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)

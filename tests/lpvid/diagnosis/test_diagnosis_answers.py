@@ -13,12 +13,12 @@ from helpers.toy_diagnosis import CAUSES, NOISES, Added, Bent, Cubic, Dry, DryTw
 from lpvid.baselines.baseline import Coefficient
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.evidence.calibration import COEFFICIENTS, component_support
+from lpvid.diagnosis.evidence.calibration import SLOPE, component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.relations import related
-from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.refitting import refit
@@ -43,7 +43,7 @@ def test_a_cause_is_named_with_its_probability():
     cause, = d.causes
     assert cause.name == "dry"
     assert d.verdict == "explained"
-    assert cause.probability is not None and cause.probability > SURE_PROBABILITY
+    assert cause.probability is not None and cause.probability > NAMED_PROBABILITY
     assert cause.weight is not None and cause.weight > 0.99
     assert np.isclose(cause.parameters[0].value, 0.8, rtol=0.1)
     data = json.loads(json.dumps(d.to_dict()))
@@ -71,7 +71,7 @@ def test_forms_of_one_component_add_up_and_the_component_is_named():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     d = diagnose([run], Bent(), (*CAUSES, DryForm()))
     assert [c.name for c in d.causes] == ["dry"] and not d.rivals
-    assert d.weights is not None and d.weights.causes["dry"] > SURE_PROBABILITY and "dry-form" not in d.weights.causes
+    assert d.weights is not None and d.weights.causes["dry"] > NAMED_PROBABILITY and "dry-form" not in d.weights.causes
     assert d.weights.components["dry"].weight > 0.99
 
 
@@ -136,11 +136,10 @@ def test_support_of_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_fo
     search, _ = prepared([run], Bent(), (Dry(), DryForm(), Cubic()), lambda text: None)
     search.run(root_of(search.problem, Bent()))
     sets = posterior(search)
-    dry = component_support(sets, search.structured)["dry"]
+    dry = component_support(sets)["dry"]
     assert dry.weight == pytest.approx(sum(p for w, p in sets if w.members & {"dry", "dry-form"}))
     assert dry.weight + dry.against == pytest.approx(1.0)
-    a, b, c = COEFFICIENTS
-    z = a + b * np.log1p(np.log(dry.weight / dry.against)) + c * search.structured
+    z = SLOPE * np.log1p(np.log(dry.weight / dry.against))
     assert dry.probability == pytest.approx(1 / (1 + np.exp(-z)))
 
 
@@ -271,7 +270,7 @@ def test_a_form_is_listed_with_the_components_that_it_describes_too():
     """It is by far the most probable; named alone it would be taken for a part of the damper."""
     data = record(np.random.default_rng(3), hidden=lambda u: 1.5 * np.sign(u))
     found = diagnose([data], Bent(), [AnyStep(), Cubic()])
-    assert found.weights is not None and found.weights.causes["any-step"] > SURE_PROBABILITY
+    assert found.weights is not None and found.weights.causes["any-step"] > NAMED_PROBABILITY
     assert not found.causes and [r.names for r in found.rivals] == [("any-step", "cubic")]
     assert found.verdict == "cannot-tell" and "a form that describes cubic too" in found.reason
     assert found.after.esr_held_out < found.before.esr_held_out

@@ -12,7 +12,7 @@ from lpvid.baselines.spectra import low_passed
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.laplace import component_of
-from lpvid.diagnosis.evidence.selection import SURE_PROBABILITY
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
@@ -86,7 +86,7 @@ def test_what_changes_less_than_the_law_leaves_is_not_sure(rng: np.random.Genera
     force = force_with(s, CoilLag(), (0.02,), guo()) + dragged(s["displacement"], 0.12)
     found = diagnosed(s, force + 10.0 * rng.standard_normal(SAMPLES), GasStiffness(), CoilLag())
     assert found.verdict in {"unexplained", "partly-explained"} and found.gain_percent > 0
-    sure = [c.name for c in found.causes if c.probability is not None and c.probability >= SURE_PROBABILITY]
+    sure = [c.name for c in found.causes if c.probability is not None and c.probability >= NAMED_PROBABILITY]
     assert "gas-stiffness" not in sure
 
 
