@@ -54,8 +54,8 @@ class Support:
 
     @property
     def compressed(self) -> float:
-        """± ln(1 + |l|) of the logarithm l of the odds, ± its sign: the weights of sets that leave much of the error
-        are surer than they should be."""
+        """± ln(1 + |l|) of the logarithm l of the odds, ± its sign: of weights near one more are wrong than these
+        state."""
         odds = float(np.log(max(self.weight, TINY)) - np.log(max(self.against, TINY)))
         return float(np.sign(odds) * np.log1p(abs(odds)))
 
