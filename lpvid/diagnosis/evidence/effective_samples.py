@@ -75,9 +75,9 @@ def kappa_of(structured: float, samples: int, alpha: float) -> float:
 def white_noise(problem: DiagnosisProblem, error: np.ndarray) -> float:
     """Variance of white noise in an error: its level in the quarter of the band where it has least, at most times.
 
-    There is noise at all times. The misfit of a law is short where the motion reverses or the current jumps, and as
-    wide as the band: a mean over time would count it as noise. So the mean is reduced by the ratio of the median to the
-    mean of the power over time, where the error has least, over that of normal noise.
+    There is noise at all times. The misfit of a law is short where the motion reverses, and as wide as the band: a mean
+    over time would count it as noise. So the mean is reduced by the ratio of the median to the mean of the power over
+    time, where the error has least, over that of normal noise.
 
     Parameters
     ----------

@@ -109,8 +109,8 @@ def test_the_floor_is_not_free_to_take_up_slow_noise():
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.1])
 def test_bursts_as_wide_as_the_band_are_no_noise(share):
-    """A law's misfit where the motion reverses: short, and at half the rate as strong as anywhere. Most of the squared
-    error is in the bursts, and the floor is that of the noise between them, up to what a median shifts."""
+    """A law's misfit at reversals: short, and at half the rate as strong as anywhere. Up to three fifths of
+    the squared error are in the bursts; the floor is that of the noise between them, up to what a median shifts."""
     rng = np.random.default_rng(5)
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
     bursts = np.repeat(rng.random(1500) < share, 8) * 4 * rng.standard_normal(12000)
