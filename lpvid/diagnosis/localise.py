@@ -1,4 +1,4 @@
-"""Localise: the regimes of the inputs, of time and of frequency with most of the error."""
+"""Localise: the regimes of the inputs, of time and of frequency with most of the error, and lines in its spectrum."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.codec import Encoded
 from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.validation.regimes import FreeRunStretch, bands
+from lpvid.validation.regimes import FreeRunStretch, bands, lines
 from lpvid.validation.trust import LEVEL
 
 
@@ -25,7 +25,7 @@ class ErrorRegime(Encoded):
     share : float
         Of the squared error.
     time : float
-        Of the samples; of the measured power, for a frequency band.
+        Of the samples; of the measured power, for a frequency band or a line.
     """
 
     where: str
@@ -34,7 +34,8 @@ class ErrorRegime(Encoded):
 
 
 def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[ErrorRegime, ...]:
-    """Shares of the squared error by sign and size of each input, by time, after reversals, by frequency; worst first.
+    """Shares of the squared error by sign and size of each input, by time, after reversals, by frequency, and in lines
+    of its spectrum; worst first.
 
     Listed are regimes in which the odds of the error are at least twice those of the time, as in half of the time with
     two thirds of the error, and which hold a share of it that is significant (`LEVEL`).
@@ -69,7 +70,9 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[E
     regimes += [("first third of the time", place < 1 / 3), ("last third of the time", place > 2 / 3)]
     found = [ErrorRegime(where, float(squared[inside].sum()) / total, float(inside.mean()))
              for where, inside in regimes if 0 < inside.mean() < 1]
-    found += _bands(problem, errors)
+    found += [ErrorRegime(b.where, b.error_share, b.share)
+              for b in bands(_stretches(problem, errors), problem.signals[0].sample_time)]
+    found += spectrum_lines(problem, errors)
     notable = [w for w in found if w.share > 1 - LEVEL and w.share * (1 - w.time) >= 2 * w.time * (1 - w.share)]
     return tuple(sorted(notable, key=lambda w: w.time - w.share)[:LISTED])
 
@@ -102,11 +105,31 @@ def _after_reversal(velocity: np.ndarray) -> np.ndarray:
     return out
 
 
-def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[ErrorRegime]:
-    """Shares of the error's power by frequency, as of a validation, from the first block of each record to its last."""
+def spectrum_lines(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[ErrorRegime, ...]:
+    """Lines in the spectrum of the error that nothing of the motion has, the largest first.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    errors : sequence of (n,) arrays
+        Free-run errors, per record.
+
+    Returns
+    -------
+    tuple of ErrorRegime
+        Those with a significant share of the squared error.
+    """
+    return tuple(ErrorRegime(x.where, x.error_share, x.share)
+                 for x in lines(_stretches(problem, errors), problem.signals[0].sample_time))
+
+
+def _stretches(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[FreeRunStretch]:
+    """Free runs, with all inputs, from the first block of each stretch of uniform time to its last."""
     parts = []
     for s, e, n in zip(problem.signals, errors, problem.blocks.number, strict=True):
-        inside = np.flatnonzero(n >= 0)
-        which = slice(inside[0], inside[-1] + 1) if inside.size else slice(0, 0)
-        parts.append(FreeRunStretch(s.output[which], (s.output - e)[which], None, np.empty((0, 0))))
-    return [ErrorRegime(b.where, b.error_share, b.share) for b in bands(parts, problem.signals[0].sample_time)]
+        inputs = np.array([s[c] for c in s.channels if not np.array_equal(s[c], s.output)]).reshape(-1, s.n_samples)
+        for first, end in s.pieces:
+            inside = first + np.flatnonzero(n[first:end] >= 0)
+            k = slice(inside[0], inside[-1] + 1) if inside.size else slice(0, 0)
+            parts.append(FreeRunStretch(s.output[k], (s.output - e)[k], None, inputs[:, k].T))
+    return parts

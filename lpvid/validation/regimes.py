@@ -1,4 +1,4 @@
-"""Where a free run is wrong: by sign of the input, by level of the scheduling, by frequency band."""
+"""Where a free run is wrong: by sign of the input, by level of the scheduling, by frequency band, at single lines."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid.codec import Encoded
+from lpvid.validation.spectral_lines import spectral_lines
+from lpvid.validation.trust import LEVEL
 
 THINNED = 100_000
 """samples from which levels of the scheduling are found."""
@@ -32,9 +34,9 @@ class Regime(Encoded):
     Attributes
     ----------
     where : str
-        E.g. "velocity < 0", "0.8 A <= current", "2.1 to 9.4 Hz".
+        E.g. "velocity < 0", "0.8 A <= current", "2.1 to 9.4 Hz", "a line at 50 Hz that no input has".
     share : float
-        Share of the samples (of the measured power, for a frequency band).
+        Share of the samples (of the measured power, for a frequency band or a line).
     error_share : float
         Share of the squared error.
     esr : float or None
@@ -69,7 +71,7 @@ class FreeRunStretch:
 
 def regimes(stretches: Sequence[FreeRunStretch], input_name: str, scheduling: Sequence[tuple[str, str]],
             sample_time: float) -> tuple[Regime, ...]:
-    """Split the free-run error by input sign, scheduling level and frequency.
+    """Split the free-run error by input sign, scheduling level and frequency, and find lines in its spectrum.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def regimes(stretches: Sequence[FreeRunStretch], input_name: str, scheduling: Se
     found = [Regime(where, row[0] / count, row[1] / every, row[1] / row[2] if row[2] > 0 else None)
              for table, (described, _) in zip(sums, sorters, strict=True)
              for where, row in zip(described, table.tolist(), strict=True) if row[0] > 0]
-    return (*found, *bands(stretches, sample_time))
+    return (*found, *bands(stretches, sample_time), *lines(stretches, sample_time))
 
 
 def _chunks(stretches: Sequence[FreeRunStretch]) -> Iterator[tuple[FreeRunStretch, float]]:
@@ -193,3 +195,39 @@ def bands(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regim
     return [Regime(f"{low:.3g} to {high:.3g} Hz", float(p) / whole[1], float(e) / whole[0],
                    float(e / p) if p > 0 else None)
             for (low, high), e, p in zip(pairwise(edges), error, power, strict=True)]
+
+
+def lines(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regime]:
+    """Lines in the error that nothing of the motion has: `spectral_lines` of chunks, added up where they agree.
+
+    A model without a line lacks all of it, so that its measured power there is that of its error.
+
+    Parameters
+    ----------
+    stretches : sequence of FreeRunStretch
+    sample_time : float
+        Period [s].
+
+    Returns
+    -------
+    list of Regime
+        Those that hold a significant share of the squared error (`LEVEL`), the largest first.
+    """
+    found: list[tuple[float, float, float]] = []  # energy, frequency, resolution
+    error, power = 0.0, 0.0
+    for s, mean in _chunks(stretches):
+        error += float(np.sum((s.measured - s.model) ** 2))
+        power += float(np.sum((s.measured - mean) ** 2))
+        driving = [s.model, *([] if s.input is None else [s.input]), *s.scheduling.T]
+        found += [(x.power * s.measured.size, x.frequency, 1 / (s.measured.size * sample_time))
+                  for x in spectral_lines(s.measured - s.model, driving, sample_time)]
+    regimes = []
+    while found:
+        _, frequency, resolution = max(found)
+        alike = [abs(f - frequency) <= max(r, resolution) for _, f, r in found]
+        energy = sum(e for (e, _, _), same in zip(found, alike, strict=True) if same)
+        if energy > (1 - LEVEL) * error:
+            regimes.append(Regime(f"a line at {frequency:.4g} Hz that no input has", energy / power,
+                                  min(energy / error, 1.0), 1.0))
+        found = [x for x, same in zip(found, alike, strict=True) if not same]
+    return regimes

@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from lpvid.diagnosis.localise import spectrum_lines
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.rounding import EPS, EXPLODED, TINY
 from lpvid.validation.trust import QUANTILE
@@ -137,11 +138,11 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
                       ) -> EffectiveSamples:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
-    p is the share of the error beyond white noise at the level that the error has in the band without motion. All of it
-    is a misfit of the law, or noise too slow to be distinguished from one. Each sample of white noise counts as
-    independent, a misfit as α samples in all. Noise of the motion sensors that the model carries counts as a misfit
-    too: every lag reduces it, whether or not anything lags. Repeats give no floor: where their inputs differ by a per
-    cent, so do their outputs.
+    p is the share of the error beyond white noise, at the level that the error has in the band without motion, and
+    beyond lines of its spectrum that nothing of the motion has. All of it is a misfit of the law, or noise too slow to
+    be distinguished from one. Each sample of noise counts as independent, a misfit as α samples in all. Noise of the
+    motion sensors that the model carries counts as a misfit too: every lag reduces it, whether or not anything lags.
+    Repeats give no floor: where their inputs differ by a per cent, so do their outputs.
 
     Parameters
     ----------
@@ -160,8 +161,9 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     total = float(np.mean(stacked**2))
     if not total > 0:
         return EffectiveSamples(1.0, 0.0, 0.0)
-    white = white_noise(problem, stacked)
-    return EffectiveSamples(kappa_of(1 - white / total, problem.n_samples, alpha), 1 - white / total, white)
+    foreign = sum(x.share for x in spectrum_lines(problem, errors)) * total
+    floor = min(white_noise(problem, stacked) + foreign, total)
+    return EffectiveSamples(kappa_of(1 - floor / total, problem.n_samples, alpha), 1 - floor / total, floor)
 
 
 def _usual_share(problem: DiagnosisProblem, error: np.ndarray) -> float:

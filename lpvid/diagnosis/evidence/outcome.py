@@ -29,7 +29,7 @@ from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, matc
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SelectedSet, SetMember, least_change
 from lpvid.diagnosis.intervals import covariance
-from lpvid.diagnosis.localise import ErrorRegime, localise
+from lpvid.diagnosis.localise import ErrorRegime, localise, spectrum_lines
 from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.screening import ScreeningResult
 from lpvid.effects.extended import ExtendedModel
@@ -125,14 +125,15 @@ class EvidenceOutcome:
         known = {r.name for r in rejected} | {m.effect.name for m in found}
         why_not = {**dict.fromkeys(self.without_gain, NO_GAIN), **dict(selected.dropped), **self._at_bounds()}
         rejected += [Rejected(n, why) for n, why in why_not.items() if n not in known]
-        verdict, reason = self._verdict(named, contested,
-                                        [m for m in found if not members or reasons[m.effect.name]])
+        left = problem.errors(final.composition, final.vector)
+        verdict, reason = self._verdict(named, contested, [m for m in found if not members or reasons[m.effect.name]],
+                                        spectrum_lines(problem, left))
         if not named and before.esr_held_out > 1:
             verdict = "unexplained"
             reason = f"the free run of {self.baseline.name} is farther from the data than their mean (held-out ESR " \
                      f"{before.esr_held_out:.3g}): take a baseline that simulates them, for example auto"
         wrong = localise(problem, problem.errors(selected.root.composition, selected.root.vector))
-        rest = localise(problem, problem.errors(final.composition, final.vector))
+        rest = localise(problem, left)
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
             "alternating blocks; each is predicted by the fit to the others, in which it counts for a hundredth"
@@ -151,15 +152,17 @@ class EvidenceOutcome:
                                      component_support(selected.sets)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
-    def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember]
-                 ) -> tuple[str, str]:
+    def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember],
+                 lines: Sequence[ErrorRegime]) -> tuple[str, str]:
         law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after)
+        foreign = max((float(np.sqrt(x.share)) * left for x in lines), default=0.0)
         structure = f"the error that the inputs predict is {law_error:.1%} of the output"
+        structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
         noise = "" if left <= ACCEPTABLE_MISFIT else \
             f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run decides that"
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
-            if not contested and max(law_error, *(m.change for m in others), 0.0) <= ACCEPTABLE_MISFIT:
+            if not contested and max(law_error, foreign, *(m.change for m in others)) <= ACCEPTABLE_MISFIT:
                 return "explained", f"{described}; {structure}, as much as a good law leaves{noise}"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
@@ -174,8 +177,9 @@ class EvidenceOutcome:
             causes, lower = self.selected.least_error_set
             fall = f"{', '.join(causes)} it falls out of fold from {self.selected.relative_error:.1%} to {lower:.1%} " \
                    "of the output"
-            return "unexplained", f"no cause is probable enough to be named, and the error is no noise: with {fall}"
-        if law_error > ACCEPTABLE_MISFIT:
+            return "unexplained", "no cause is probable enough to be named, and the error is no noise: with " \
+                                  f"{fall}; {structure}"
+        if max(law_error, foreign) > ACCEPTABLE_MISFIT:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
         little = ", ".join(m.effect.name for m in self.selected.members)
         stated = f"; {little} would change the output too little to be named" if little and self.needless else ""

@@ -52,6 +52,19 @@ def test_a_further_record_of_constant_output_has_no_share_but_an_error(installed
     assert found.gain_percent == pytest.approx(100 * (1 - squares[1] / squares[0])) and found.gain_percent > 10
 
 
+def test_a_tone_that_no_input_has_is_not_taken_for_noise(installed):
+    """Of a tenth of the force: named with its frequency beside the cause, and alone the error is unexplained."""
+    record = measured()
+    tone = np.sin(2 * np.pi * 23.0 * np.arange(record.n_samples) / RATE)
+    humming = record.with_channel("force", record["force"] + 0.14 * record["force"].std() * tone, "N")
+    found = lpv.diagnose(humming, "viscous", "toys")
+    assert found.verdict == "partly-explained" and [c.name for c in found.causes] == ["dry"]
+    assert "a line at 23" in found.reason and "Hz that no input has" in found.reason
+    assert "line" not in lpv.diagnose(record, "viscous", "toys").reason
+    again = lpv.diagnose(humming, found.extended, "toys")
+    assert again.verdict == "unexplained" and "a line at 23" in again.reason
+
+
 def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installed):
     other = measured(1)
     found = lpv.diagnose(measured(), "viscous", "toys", other)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.toy_diagnosis import Dry, problem_of, record
 from scipy.integrate import quad
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 from scipy.stats import multivariate_normal
 
 from lpvid.baselines.signals import Signals
@@ -93,7 +93,8 @@ def test_the_prior_of_a_strength_is_a_density_whatever_its_unit():
 
 @pytest.mark.parametrize("wave, wanted", [(0.0, 0.0), (0.5, 0.125 / 1.125), (2.0, 2.0 / 3.0)])
 def test_white_noise_is_the_floor_and_the_rest_is_structure(wave, wanted):
-    noise = np.random.default_rng(1).standard_normal(12000) + wave * np.sin(0.05 * np.arange(12000))
+    slow = lfilter(*butter(2, 0.02), np.random.default_rng(3).standard_normal(12000))
+    noise = np.random.default_rng(1).standard_normal(12000) + wave * slow / slow.std() / np.sqrt(2)
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
     found = effective_samples(problem, [noise])
     assert np.isclose(found.structured, wanted, atol=0.07)

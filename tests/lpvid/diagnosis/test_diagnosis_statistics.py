@@ -33,13 +33,14 @@ from lpvid._projection import projector, without
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.localise import _after_reversal, _bands, localise
+from lpvid.diagnosis.localise import _after_reversal, _stretches, localise, spectrum_lines
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
 from lpvid.diagnosis.screening import DETECTABLE_RATIO, ScreeningResult, candidate_change, directions, screen
 from lpvid.effects.composition import Composition
 from lpvid.record import Channel, Record
+from lpvid.validation.regimes import bands
 
 
 def noises(default: str, *slow: str) -> pytest.MarkDecorator:
@@ -220,17 +221,26 @@ class TestLocalise:
 
     def test_bands_add_up(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng))
-        tone = [np.sin(2 * np.pi * 3.0 * s.times) for s in problem.signals]
+        tone = [np.sin(2 * np.pi * 7.0 * s.times) for s in problem.signals]
         found = {w.where: w.share for w in localise(problem, tone)}
-        (band, share), = ((where, share) for where, share in found.items() if "Hz" in where)
+        (band, share), = ((where, share) for where, share in found.items() if " to " in where)
         low, high = (float(x) for x in band.removesuffix(" Hz").split(" to "))
-        assert low < 3.0 < high and share > 0.8
+        assert low < 7.0 < high and share > 0.8
+
+    def test_a_tone_is_a_line_that_no_input_has(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng, hidden=lambda u: np.sin(2 * np.pi * 7.0 * 0.01 * np.arange(u.size))))
+        errors = [s.output - Bent().core(TRUE)(s) for s in problem.signals]
+        found, = spectrum_lines(problem, errors)
+        assert found in localise(problem, errors)
+        assert found.where == "a line at 7 Hz that no input has" and found.share > 0.8
+        without = [e - np.sin(2 * np.pi * 7.0 * s.times) for e, s in zip(errors, problem.signals, strict=True)]
+        assert spectrum_lines(problem, without) == ()
 
     def test_an_offset_counts_with_its_whole_power(self, rng: np.random.Generator) -> None:
         """Mean 1 and a tone of amplitude √2 hold half of the square each; stretches left out blur it."""
         problem, _ = problem_of(record(rng))
         errors = [1 + np.sqrt(2) * np.sin(0.2 * np.pi * np.arange(s.output.size)) for s in problem.signals]
-        found = {w.where: w.share for w in _bands(problem, errors)}
+        found = {r.where: r.error_share for r in bands(_stretches(problem, errors), problem.signals[0].sample_time)}
         assert next(share for where, share in found.items() if where.startswith("0 to")) == pytest.approx(0.5, abs=0.06)
 
     def test_a_velocity_that_never_changes_sign(self) -> None:
