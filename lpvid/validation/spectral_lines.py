@@ -14,7 +14,7 @@ BANDWIDTH = 4.0
 TAPERS = int(2 * BANDWIDTH) - 1
 """of which the energy lies within that band"""
 FINER = 4
-"""frequencies computed per 1/T"""
+"""frequencies computed per 1/T, at least"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def spectral_lines(error: np.ndarray, driving: Sequence[np.ndarray], sample_time
     Returns
     -------
     list of SpectralLine
-        The largest first.
+        Those with a significant share of the variance (`LEVEL`), the largest first.
 
     Examples
     --------
@@ -72,37 +72,49 @@ def spectral_lines(error: np.ndarray, driving: Sequence[np.ndarray], sample_time
     >>> [(round(x.frequency, 1), round(x.amplitude, 1)) for x in found], spectral_lines(noise, [motion], 1 / 500)
     ([(50.1, 1.0)], [])
     """
-    n = error.size
-    if n < 2 * TAPERS or not np.any(error):
+    from scipy.fft import next_fast_len, rfft
+
+    n, varying = error.size, error - error.mean()
+    least_power = (1 - LEVEL) * float(np.mean(varying**2))
+    if n < 2 * TAPERS or not _concentrated(varying, least_power / 2):
         return []
-    tapers = _tapers(n)
-    sums = tapers.sum(axis=1)
-    spectra = np.fft.rfft(tapers * (error - error.mean()), FINER * n, axis=1)
-    mean, ratio = _harmonic(spectra, sums)
-    amplitude = 2 * np.abs(mean)
-    edge = int(BANDWIDTH * FINER)  # nearer to zero frequency a line is no line but drift
+    tapers, size = _tapers(n), next_fast_len(FINER * n, real=True)
+    sums, near = tapers.sum(axis=1), int(BANDWIDTH * size / n)
+    mean, ratio = _harmonic(np.asarray(rfft(tapers * varying, size, axis=1)), sums)
     least = (TAPERS - 1) * (((1 - LEVEL) / ratio.size) ** (-1 / (TAPERS - 1)) - 1)
-    amplitude[:edge], amplitude[-edge:] = 0.0, 0.0
-    amplitude[ratio < least] = 0.0
-    moved = list(_driven(driving))
-    found = []
+    amplitude = np.where(ratio > least, 2 * np.abs(mean), 0.0)
+    amplitude[:near], amplitude[-near:] = 0.0, 0.0  # so near to zero frequency a line is drift
+    moved, found = list(_driven(driving)), []
     while amplitude.any():
         k = int(amplitude.argmax())
-        place, size = _refined(tapers, sums, error - error.mean(), k)
+        amplitude[max(k - near, 0): k + near + 1] = 0.0
+        place, amount = _refined(tapers, sums, varying, k * n / size)
         wave = np.exp(-2j * np.pi * place / n * np.arange(n))
-        if not any(_harmonic((tapers * (x - x.mean())) @ wave, sums)[1] > least for x in moved):
-            found.append(SpectralLine(place / (n * sample_time), size))
-        amplitude[max(k - edge, 0): k + edge + 1] = 0.0
+        line = SpectralLine(place / (n * sample_time), amount)
+        if line.power < least_power:
+            break
+        if not any(_harmonic((tapers * x) @ wave, sums)[1] > least for x in moved):
+            found.append(line)
     return found
 
 
-def _refined(tapers: np.ndarray, sums: np.ndarray, x: np.ndarray, k: int) -> tuple[float, float]:
-    """Frequency near the k-th one computed [1/T] at which the amplitude is largest, and that amplitude."""
+def _concentrated(x: np.ndarray, power: float) -> bool:
+    """Whether some band as wide as that of the tapers holds that much of the power of a signal, by a cosine transform
+    (Parseval): few errors do, and the others need no tapers."""
+    from scipy.fft import dct
+
+    energy = np.cumsum(np.asarray(dct(x, norm="ortho")) ** 2)
+    width = int(4 * BANDWIDTH)  # a coefficient for every 1/2T
+    return bool(np.any(energy[width:] - energy[:-width] > power * x.size))
+
+
+def _refined(tapers: np.ndarray, sums: np.ndarray, x: np.ndarray, place: float) -> tuple[float, float]:
+    """Frequency near a place [1/T] at which the amplitude is largest, and that amplitude."""
     from scipy.optimize import minimize_scalar
 
     weighted, time = sums @ tapers * x, np.arange(x.size) / x.size  # Σ U_k Y_k as one transform
-    found = minimize_scalar(lambda place: -abs(weighted @ np.exp(-2j * np.pi * place * time)),
-                            bounds=((k - 1) / FINER, (k + 1) / FINER), method="bounded")
+    found = minimize_scalar(lambda at: -abs(weighted @ np.exp(-2j * np.pi * at * time)),
+                            bounds=(place - 1 / FINER, place + 1 / FINER), method="bounded")
     return float(found.x), 2 * float(-found.fun) / float(sums @ sums)
 
 
@@ -111,7 +123,8 @@ def _driven(driving: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
     for x in driving:
         about = x - x.mean()
         if np.any(about):
-            yield from (x, np.sign(about), np.abs(about))
+            size = np.abs(about)
+            yield from (about, np.sign(about), size - size.mean())
 
 
 def _tapers(n: int) -> np.ndarray:
