@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from lpvid._checks import read_only
 from lpvid.validation.trust import LEVEL
 
 BANDWIDTH = 4.0
@@ -127,11 +129,12 @@ def _driven(driving: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
             yield from (about, np.sign(about), size - size.mean())
 
 
+@lru_cache(maxsize=2)
 def _tapers(n: int) -> np.ndarray:
     """(K, n) discrete prolate spheroidal sequences of unit energy."""
     from scipy.signal.windows import dpss
 
-    return np.asarray(dpss(n, BANDWIDTH, TAPERS))
+    return read_only(np.asarray(dpss(n, BANDWIDTH, TAPERS)))
 
 
 def _harmonic(spectra: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

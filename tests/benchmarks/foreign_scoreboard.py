@@ -1,8 +1,10 @@
 """Scoreboard on the foreign rig: blind cases by the user's command, one line of JSON each, and their table.
 
     python tests/benchmarks/foreign_scoreboard.py OUT --cases 40 --seed 3 [--shard 0/2] [--only single,pair]
+    python tests/benchmarks/foreign_scoreboard.py OUT --calibration ROWS
     python tests/benchmarks/foreign_scoreboard.py OUT --table
 
+The second line takes the answers from rows of `diagnosis_calibration.py`, 10 s at half the rate; it computes the truth.
 No fitted baseline can be exact: every law of the rig has another form than the project's, and a smooth error of 1 to
 3 % of the force (`rough`: 3 to 6 %). Which causes are separable is decided from the truth alone, before the diagnosis
 runs (`foreign_rig.truth`). Rows in OUT are not computed again. Rotate the seeds: a seed that was looked at once is a
@@ -35,15 +37,24 @@ def case(seed: int, limit: float, **fixed: object) -> Row:
     plan = cases.draw(seed, **fixed)
     world = cases.world(plan)
     known = truth.truth_of(world)
-    row = plan.to_dict() | {
-        "force": world.device.force, "speed": world.device.speed, "sizes": [s for _, s in known.hidden],
-        "visible": list(known.visible), "separable": known.separable, "unknown": known.unknown,
-        "near": {n: round(d, 5) for n, d in known.rivals.items() if d < known.unknown},
-        "truth_seconds": round(time.perf_counter() - begun, 1)}
+    row = plan.to_dict() | truths(world, known) | {"truth_seconds": round(time.perf_counter() - begun, 1)}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         cases.written(world, cases.measured(world, world.run(known.hidden)), path)
         return row | commanded.diagnose([str(path)], plan.baseline, limit=limit)
+
+
+def truths(world: cases.World, known: truth.Truth) -> Row:
+    """What is hidden in a world and whether it is separable: plain data."""
+    return {"force": world.device.force, "speed": world.device.speed, "sizes": [s for _, s in known.hidden],
+            "visible": list(known.visible), "separable": known.separable, "unknown": known.unknown,
+            "near": {n: round(d, 5) for n, d in known.rivals.items() if d < known.unknown}}
+
+
+def with_truth(row: Row) -> Row:
+    """A row of the calibration as one of this board."""
+    world = cases.world(cases.draw(row["seed"], duration=row["duration"]))
+    return row | truths(world, truth.truth_of(world)) | {"outcome": "answered", "seconds": row["cpu"]}
 
 
 # -- marks --------------------------------------------------------------------------------------------------------
@@ -116,7 +127,7 @@ def table(rows: list[Row]) -> str:
         lines.append(f"| {label} | {len(marks)} | {' | '.join(cells)} |")
     seconds = [r["seconds"] for r in good if r["outcome"] == "answered"]
     if seconds:
-        lines += ["", f"seconds by the clock: median {np.median(seconds):.0f}, 95 % {np.quantile(seconds, 0.95):.0f}"]
+        lines += ["", f"seconds by the clock (of a processor, where from a calibration): median {np.median(seconds):.0f}, 95 % {np.quantile(seconds, 0.95):.0f}"]
     clean = [r["before"] for r in good if r["kind"] == "nothing" and r["outcome"] == "answered"]
     if clean:
         lines.append(f"free-run ESR of the baseline with nothing hidden, held-out: median {np.median(clean):.4f}")
@@ -145,6 +156,16 @@ def run(options: argparse.Namespace) -> None:
             append(path, row)
 
 
+def judge(options: argparse.Namespace) -> None:
+    """The truth of the calibration's foreign cases that no file of the folder holds."""
+    done = {r["id"] for r in read(options.folder)}
+    for row in read(options.calibration):
+        if row.get("rig") == "foreign" and row["id"] not in done:
+            judged = with_truth(row)
+            print(line(judged), flush=True)
+            append(options.folder / "judged.jsonl", judged)
+
+
 def main() -> None:
     """Run what is missing, then print the table."""
     parser = argparse.ArgumentParser(description="Scoreboard on the foreign rig.")
@@ -154,10 +175,13 @@ def main() -> None:
     parser.add_argument("--shard", default="0/1")
     parser.add_argument("--only", default="", help=f"kinds, comma-separated: {', '.join(cases.KINDS)}")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
+    parser.add_argument("--calibration", type=Path, help="folder of rows of diagnosis_calibration.py")
     parser.add_argument("--table", action="store_true", help="print the table of the rows computed")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
-    if not options.table:
+    if options.calibration is not None:
+        judge(options)
+    elif not options.table:
         run(options)
     print(table(read(options.folder)))
 
