@@ -127,19 +127,51 @@ def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.nd
     return _finite(problem.stack(found, overwriting=True))
 
 
+def settled_start(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, near: Refit) -> np.ndarray:
+    """A start vector with the parameters that a related fit has moved by one step, where that has a lower cost.
+
+    What an added effect does is partly what the law did before, as friction and a yield force. The parameters in common
+    are moved to the least squared error to first order, by their derivatives at the related fit, inside the bounds:
+    otherwise the first step of a descent moves the effect's shape for what the law does too much.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    composition : Composition
+    start : (P,) array
+    near : Refit
+        Of a composition that has some of the parameters.
+
+    Returns
+    -------
+    (P,) array
+    """
+    low, high = composition.bounds
+    vector = np.clip(start, low, high)
+    errors = problem.stacked_errors(composition, vector)
+    jacobian, _ = _known_columns(problem, composition, near)
+    moved = vector + _step(jacobian, errors, np.ones(errors.size), vector, FIRST_DAMPING, low, high)[0]
+    after = problem.stacked_errors(composition, moved)
+    return moved if float(after @ after) < float(errors @ errors) else vector
+
+
 def _reused_jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
                      errors: list[np.ndarray], near: Refit) -> np.ndarray:
     """(N, P) derivative with the columns that a fit of a related composition has, the others taken at `vector`."""
-    have = {name: k for k, name in enumerate(near.composition.names)}
-    new = [k for k, name in enumerate(composition.names) if name not in have]
-    out = np.empty((problem.n_samples, vector.size))
-    for k, name in enumerate(composition.names):
-        if name in have:
-            out[:, k] = near.jacobian[:, have[name]]
+    out, new = _known_columns(problem, composition, near)
     if new:
         out[:, new] = _finite(problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
                                               for s, e in zip(problem.signals, errors, strict=True)]))
     return out
+
+
+def _known_columns(problem: DiagnosisProblem, composition: Composition, near: Refit) -> tuple[np.ndarray, list[int]]:
+    """(N, P) derivative of a related fit in the parameters in common, zero in the others; and these others."""
+    have = {name: k for k, name in enumerate(near.composition.names)}
+    common = {k: have[name] for k, name in enumerate(composition.names) if name in have}
+    out = np.zeros((problem.n_samples, len(composition.names)))
+    out[:, list(common)] = near.jacobian[:, list(common.values())]
+    return out, [k for k in range(out.shape[1]) if k not in common]
 
 
 def _finite(derivatives: np.ndarray) -> np.ndarray:

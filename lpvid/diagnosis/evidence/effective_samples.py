@@ -161,8 +161,7 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     total = float(np.mean(stacked**2))
     if not total > 0:
         return EffectiveSamples(1.0, 0.0, 0.0)
-    foreign = sum(x.share for x in spectrum_lines(problem, errors)) * total
-    floor = min(white_noise(problem, stacked) + foreign, total)
+    floor = min(white_noise(problem, stacked) + total * sum(x.share for x in spectrum_lines(problem, errors)), total)
     return EffectiveSamples(kappa_of(1 - floor / total, problem.n_samples, alpha), 1 - floor / total, floor)
 
 

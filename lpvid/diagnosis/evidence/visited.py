@@ -16,7 +16,7 @@ from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, Ev
 from lpvid.diagnosis.evidence.priors import misfit_prior
 from lpvid.diagnosis.evidence.relations import compatible
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.diagnosis.refitting import Refit, descend, refined_by_trial
+from lpvid.diagnosis.refitting import Refit, descend, refined_by_trial, settled_start
 from lpvid.diagnosis.screening import start_vector
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
@@ -196,9 +196,12 @@ class VisitedSets:
         weight = max(self.kappa, LEAST_KAPPA)
         low, high = composition.bounds
         starts = {np.clip(v, low, high).tobytes(): v for v in start_vectors}.values()
-        coarse = self.in_parallel(lambda v: descend(self.problem, composition, v, iterations=COARSE_ITERATIONS,
-                                                    near=near, rough=True, sample_weight=weight), list(starts),
-                                  (composition,))
+
+        def coarsely(start: np.ndarray) -> Refit:
+            settled = start if near is None else settled_start(self.problem, composition, start, near)
+            return descend(self.problem, composition, settled, None, COARSE_ITERATIONS, near, True, weight)
+
+        coarse = self.in_parallel(coarsely, list(starts), (composition,))
         leading = sorted(coarse, key=lambda f: f.cost)[:full_refits]
         if any(e.stepwise or e.rugged for e in added):
             leading[0] = refined_by_trial(leading[0], COARSE_ITERATIONS, rough=True)

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.toy_diagnosis import TRUE, Added, Bent, problem_of, record
+from helpers.toy_diagnosis import TRUE, Added, Bent, Dry, problem_of, record
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core
 from lpvid.diagnosis import refitting
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.diagnosis.refitting import descend
+from lpvid.diagnosis.refitting import descend, refit, settled_start
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import EffectParameter
 
@@ -78,6 +78,30 @@ def test_a_damped_step_of_little_predicted_decrease_is_not_the_end(rough: bool) 
     best = descend(problem, composition, np.array([*TRUE, -60.0, 60.0]))
     assert descend(problem, composition, start, iterations=0).cost - best.cost > 5 * best.variance
     assert found.cost == pytest.approx(best.cost, abs=0.1 * best.variance)
+
+
+def test_a_start_is_settled_at_the_least_squares_of_the_parameters_in_common(rng: np.random.Generator) -> None:
+    """Dry friction of 1 V hidden, started at 4 V: a bend of the law makes room for it."""
+    problem, _ = problem_of(record(rng, hidden=lambda u: np.sign(u)))
+    root, composition = refit(problem, Composition(Bent()), TRUE), Composition(Bent(), (Dry(),))
+    start = np.array([*root.vector, 4.0])
+    errors = problem.stacked_errors(composition, start)
+    found = settled_start(problem, composition, start, root)
+    step = np.linalg.lstsq(root.jacobian, errors, rcond=None)[0]
+    assert found[3] == 4.0 and found[:3] - start[:3] == pytest.approx(step, rel=0.05)
+    assert np.sum(problem.stacked_errors(composition, found) ** 2) < 0.5 * np.sum(errors**2)
+    assert settled_start(problem, root.composition, root.vector, root) == pytest.approx(root.vector, rel=0.01)
+
+
+def test_a_start_is_left_alone_where_the_step_is_worse(hidden_wave: tuple) -> None:
+    """The law is bent, and a step over its whole range ends at another cost than to first order."""
+    problem, composition, start = hidden_wave
+    near = descend(problem, Composition(Bent()), TRUE, iterations=0)
+    far = start.copy()
+    far[2], far[3] = 40.0, 5.0
+    found = settled_start(problem, composition, far, near)
+    assert np.sum(problem.stacked_errors(composition, found) ** 2) <= np.sum(
+        problem.stacked_errors(composition, far) ** 2)
 
 
 @pytest.mark.parametrize("room", [(-1.0, 0.25), (-np.inf, np.inf), (0.0, 0.0)])
