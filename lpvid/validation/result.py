@@ -108,7 +108,7 @@ class Validation(Shown):
         wrong = sorted((r for r in self.regimes if r.esr is not None), key=lambda r: r.error_share - r.share)
         if wrong and wrong[-1].error_share > 1.3 * wrong[-1].share:
             worst = wrong[-1]
-            data = "measured power" if worst.where.endswith("Hz") else "data"
+            data = "measured power" if " Hz" in worst.where else "data"
             lines.append(f"  worst where {worst.where}: {100 * worst.error_share:.2g} % of the free-run error in "
                          f"{100 * worst.share:.2g} % of the {data} (ESR there {worst.esr:.3g})")
         lines += [f"  {t.name}: {t.description}" for t in self.residual_tests

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+import lpvid as lpv
 from lpvid.validation.regimes import FreeRunStretch, regimes
 from lpvid.validation.spectral_lines import spectral_lines
 
@@ -67,3 +68,13 @@ def test_a_line_is_a_regime_of_its_own(rng: np.random.Generator) -> None:
     frequency = line.where.removeprefix("a line at ").removesuffix(" Hz that no input has")
     assert float(frequency) == pytest.approx(33.3, abs=0.05)
     assert line.error_share == pytest.approx(0.9, abs=0.03) and line.share == pytest.approx(0.9 / 101, rel=0.1)
+
+
+def test_a_validation_states_a_line_with_its_frequency(rng: np.random.Generator) -> None:
+    """A gain of two without memory, and a tone of half the output's rms: its share of the error and of the output."""
+    model = lpv.LPVTransferFunction.siso([[]], [[2.0]], lpv.Polynomial(), 1 / RATE, inputs=("u",), outputs=("y",))
+    u = rng.standard_normal(N)
+    y = 2 * u + np.sqrt(2) * np.sin(2 * np.pi * 24.4 * T) + 0.1 * rng.standard_normal(N)
+    found = lpv.validate(model, lpv.Record({"u": u, "y": y}, sample_time=1 / RATE))
+    assert "worst where a line at 24.4 Hz that no input has: 99 % of the free-run error in 20 % of the measured power" \
+        in str(found)
