@@ -173,7 +173,7 @@ class EvidenceOutcome:
             names = ", ".join(m.effect.name for m in others)
             why = "; ".join(f"{m.effect.name}: {self.selected.reason_not_named(m) or NO_GAIN}" for m in others)
             return "unexplained", f"the best set is {names}, of which nothing can be named ({why}); {structure}"
-        if self.selected.least_error_set is not None:
+        if self.selected.least_error_set is not None and foreign <= ACCEPTABLE_MISFIT:
             causes, lower = self.selected.least_error_set
             fall = f"{', '.join(causes)} it falls out of fold from {self.selected.relative_error:.1%} to {lower:.1%} " \
                    "of the output"
