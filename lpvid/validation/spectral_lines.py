@@ -80,7 +80,7 @@ def spectral_lines(error: np.ndarray, driving: Sequence[np.ndarray], sample_time
     least_power = (1 - LEVEL) * float(np.mean(varying**2))
     if n < 2 * TAPERS or not _concentrated(varying, least_power / 2):
         return []
-    tapers, size = _tapers(n), next_fast_len(FINER * n, real=True)
+    tapers, size = _tapers(n), next_fast_len(FINER * n, real=True) or FINER * n
     sums, near = tapers.sum(axis=1), int(BANDWIDTH * size / n)
     mean, ratio = _harmonic(np.asarray(rfft(tapers * varying, size, axis=1)), sums)
     least = (TAPERS - 1) * (((1 - LEVEL) / ratio.size) ** (-1 / (TAPERS - 1)) - 1)
