@@ -236,8 +236,8 @@ def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) 
     items: list[Item] = []
     if rows:
         items.append(PageTable(("where", "share of the squared error", "share of the data", "ratio"), rows,
-                           "Regimes that hold more of the baseline's error than of the data; frequency bands and lines, "
-                           "than of the output's power.", (1, 2, 3)))
+                           "Regimes that hold more of the baseline's error than of the data; frequency bands and "
+                           "lines, than of the output's power.", (1, 2, 3)))
     else:
         items.append(Paragraph("The error is spread evenly: no regime stands out."))
     maps = draw.error_maps(shown, extended)
