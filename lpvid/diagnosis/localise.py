@@ -130,6 +130,7 @@ def _stretches(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[
         inputs = np.array([s[c] for c in s.channels if not np.array_equal(s[c], s.output)]).reshape(-1, s.n_samples)
         for first, end in s.pieces:
             inside = first + np.flatnonzero(n[first:end] >= 0)
-            k = slice(inside[0], inside[-1] + 1) if inside.size else slice(0, 0)
-            parts.append(FreeRunStretch(s.output[k], (s.output - e)[k], None, inputs[:, k].T))
+            if inside.size:
+                k = slice(inside[0], inside[-1] + 1)
+                parts.append(FreeRunStretch(s.output[k], (s.output - e)[k], None, inputs[:, k].T))
     return parts

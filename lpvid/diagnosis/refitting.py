@@ -146,11 +146,10 @@ def settled_start(problem: DiagnosisProblem, composition: Composition, start: np
     -------
     (P,) array
     """
-    low, high = composition.bounds
-    vector = np.clip(start, low, high)
+    vector = np.clip(start, *composition.bounds)
     errors = problem.stacked_errors(composition, vector)
     jacobian, _ = _known_columns(problem, composition, near)
-    moved = vector + _step(jacobian, errors, np.ones(errors.size), vector, FIRST_DAMPING, low, high)[0]
+    moved = vector + _step(jacobian, errors, np.ones(errors.size), vector, FIRST_DAMPING, *composition.bounds)[0]
     after = problem.stacked_errors(composition, moved)
     return moved if float(after @ after) < float(errors @ errors) else vector
 

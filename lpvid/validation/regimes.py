@@ -227,7 +227,7 @@ def lines(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regim
         alike = [abs(f - frequency) <= max(r, resolution) for _, f, r in found]
         energy = sum(e for (e, _, _), same in zip(found, alike, strict=True) if same)
         if energy > (1 - LEVEL) * error:
-            regimes.append(Regime(f"a line at {frequency:.4g} Hz that no input has", energy / power,
+            regimes.append(Regime(f"a line at {frequency:.4g} Hz that no input has", energy / (power or 1.0),
                                   min(energy / error, 1.0), 1.0))
         found = [x for x, same in zip(found, alike, strict=True) if not same]
     return regimes

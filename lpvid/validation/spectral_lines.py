@@ -76,9 +76,12 @@ def spectral_lines(error: np.ndarray, driving: Sequence[np.ndarray], sample_time
     """
     from scipy.fft import next_fast_len, rfft
 
-    n, varying = error.size, error - error.mean()
+    n = error.size
+    if n < 2 * TAPERS:
+        return []
+    varying = error - error.mean()
     least_power = (1 - LEVEL) * float(np.mean(varying**2))
-    if n < 2 * TAPERS or not _concentrated(varying, least_power / 2):
+    if not _concentrated(varying, least_power / 2):
         return []
     tapers, size = _tapers(n), next_fast_len(FINER * n, real=True) or FINER * n
     sums, near = tapers.sum(axis=1), int(BANDWIDTH * size / n)

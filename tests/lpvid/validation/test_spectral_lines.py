@@ -78,3 +78,11 @@ def test_a_validation_states_a_line_with_its_frequency(rng: np.random.Generator)
     found = lpv.validate(model, lpv.Record({"u": u, "y": y}, sample_time=1 / RATE))
     assert "worst where a line at 24.4 Hz that no input has: 99 % of the free-run error in 20 % of the measured power" \
         in str(found)
+
+
+def test_a_constant_output_has_no_power_of_which_a_line_is_a_share(rng: np.random.Generator) -> None:
+    """A model that swings where nothing was measured; its own output has the line, and without any there is one."""
+    swing = np.sin(2 * np.pi * 24.4 * T) + 0.01 * rng.standard_normal(N)
+    still = FreeRunStretch(np.zeros(N), -swing, None, np.empty((N, 0)))
+    assert not any("line" in r.where for r in regimes([still], "u", (), 1 / RATE))
+    assert spectral_lines(np.zeros(0), [], 1 / RATE) == []
