@@ -61,12 +61,15 @@ class FreeRunStretch:
     input : (n,) array or None
         First measured input.
     scheduling : (n, n_scheduling) array
+    further : (n, k) array, optional
+        Further inputs, which may drive a line.
     """
 
     measured: np.ndarray
     model: np.ndarray
     input: np.ndarray | None
     scheduling: np.ndarray
+    further: np.ndarray | None = None
 
 
 def regimes(stretches: Sequence[FreeRunStretch], input_name: str, scheduling: Sequence[tuple[str, str]],
@@ -112,7 +115,7 @@ def _chunks(stretches: Sequence[FreeRunStretch]) -> Iterator[tuple[FreeRunStretc
         for first in range(0, len(s.measured), CHUNK):
             part = slice(first, first + CHUNK)
             yield FreeRunStretch(s.measured[part], s.model[part], None if s.input is None else s.input[part],
-                          s.scheduling[part]), mean
+                          s.scheduling[part], None if s.further is None else s.further[part]), mean
 
 
 Sorter = tuple[list[str], Callable[[FreeRunStretch], np.ndarray]]
@@ -218,7 +221,8 @@ def lines(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regim
     for s, mean in _chunks(stretches):
         error += float(np.sum((s.measured - s.model) ** 2))
         power += float(np.sum((s.measured - mean) ** 2))
-        driving = [s.model, *([] if s.input is None else [s.input]), *s.scheduling.T]
+        driving = [s.model, *([] if s.input is None else [s.input]), *s.scheduling.T,
+                   *([] if s.further is None else s.further.T)]
         found += [(x.power * s.measured.size, x.frequency, 1 / (s.measured.size * sample_time))
                   for x in spectral_lines(s.measured - s.model, driving, sample_time)]
     regimes = []

@@ -219,7 +219,8 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
             tested.append((piece, step.start))
         if run.diverged_at is None:
             stretches.append(FreeRunStretch(y[run.start:, 0], run.output[run.start:, 0],
-                                     None if u is None else u[run.start:], p[run.start:]))
+                                     None if u is None else u[run.start:], p[run.start:],
+                                     piece.matrix([s.name for s in model.inputs[1:]])[run.start:]))
     total = sum(r.n_samples for r in rows)
     share = sum(r.extrapolation_share * r.n_samples for r in rows) / total
     return Validation(

@@ -99,9 +99,7 @@ def test_a_start_is_left_alone_where_the_step_is_worse(hidden_wave: tuple) -> No
     near = descend(problem, Composition(Bent()), TRUE, iterations=0)
     far = start.copy()
     far[2], far[3] = 40.0, 5.0
-    found = settled_start(problem, composition, far, near)
-    assert np.sum(problem.stacked_errors(composition, found) ** 2) <= np.sum(
-        problem.stacked_errors(composition, far) ** 2)
+    assert np.array_equal(settled_start(problem, composition, far, near), far)
 
 
 @pytest.mark.parametrize("room", [(-1.0, 0.25), (-np.inf, np.inf), (0.0, 0.0)])

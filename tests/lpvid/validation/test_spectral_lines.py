@@ -70,6 +70,13 @@ def test_a_line_is_a_regime_of_its_own(rng: np.random.Generator) -> None:
     assert line.error_share == pytest.approx(0.9, abs=0.03) and line.share == pytest.approx(0.9 / 101, rel=0.1)
 
 
+def test_a_line_of_any_input_is_none_of_the_error(rng: np.random.Generator) -> None:
+    u, second = rng.standard_normal(N), np.sin(2 * np.pi * 33.3 * T)
+    for further, count in ((None, 1), (second[:, None], 0)):
+        stretch = FreeRunStretch(u + second, u, u, np.empty((N, 0)), further)
+        assert sum("line" in r.where for r in regimes([stretch], "u", (), 1 / RATE)) == count
+
+
 def test_a_validation_states_a_line_with_its_frequency(rng: np.random.Generator) -> None:
     """A gain of two without memory, and a tone of half the output's rms: its share of the error and of the output."""
     model = lpv.LPVTransferFunction.siso([[]], [[2.0]], lpv.Polynomial(), 1 / RATE, inputs=("u",), outputs=("y",))
@@ -81,7 +88,7 @@ def test_a_validation_states_a_line_with_its_frequency(rng: np.random.Generator)
 
 
 def test_a_constant_output_has_no_power_of_which_a_line_is_a_share(rng: np.random.Generator) -> None:
-    """A model that swings where nothing was measured; its own output has the line, and without any there is one."""
+    """A model that swings where nothing was measured; its own output has the line, so it is no line."""
     swing = np.sin(2 * np.pi * 24.4 * T) + 0.01 * rng.standard_normal(N)
     still = FreeRunStretch(np.zeros(N), -swing, None, np.empty((N, 0)))
     assert not any("line" in r.where for r in regimes([still], "u", (), 1 / RATE))
