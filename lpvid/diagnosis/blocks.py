@@ -99,12 +99,3 @@ class Blocks:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
                              why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
         return cls(tuple(numbers), count, np.array(folds), length)
-
-    def mask(self) -> list[np.ndarray]:
-        """Per record, (n,) bool: samples in a block.
-
-        Returns
-        -------
-        list of (n,) bool arrays
-        """
-        return [n >= 0 for n in self.number]

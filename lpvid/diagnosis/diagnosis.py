@@ -278,7 +278,7 @@ class Diagnosis(Shown):
     before, after : Errors
         Of the baseline and of the extended model, free run; held-out as `held_out` states.
     noise_floor : float or None
-        Standard deviation of the noise [output's unit], from repeats; None where nothing repeats.
+        Standard deviation of the error that does not repeat [output's unit]; None where nothing repeats.
     noise : mapping
         Colour of what is left: order of its autoregressive model, level, whether it is coloured.
     wrong : tuple of ErrorRegime

@@ -1,94 +1,86 @@
-"""Noise: its level, from repeats."""
+"""Noise: what of an error does not repeat where the inputs do, and what does."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from lpvid.baselines.signals import Signals
 from lpvid.condition.constancy import DISTINCT
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.effects.preparing import SHORTEST
 from lpvid.rounding import EPS, HALF_DIGITS, TINY
+from lpvid.validation.trust import QUANTILE
 
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Noise level from repeats.
+    """Noise and misfit of a model, from repeats.
 
     Attributes
     ----------
     variance : float or None
-        Of the noise on the output, in its unit squared; None where nothing repeats.
+        Of the error that does not repeat: noise, in the output's unit squared; None where nothing repeats.
+    repeating : float
+        Variance of the error that repeats, a misfit whatever its spectrum: the lower end of its 95 % interval over the
+        blocks, at least 0.
     samples : int
         Number of samples it was estimated from.
     description : str
     """
 
     variance: float | None
+    repeating: float
     samples: int
     description: str
 
-    def bounded(self, most: float) -> NoiseLevel:
-        """The same, at most the error of a model on data not seen: no model predicts noise.
 
-        Repeats with slightly different inputs, or another initial state, differ by more than noise.
+def noise_level(problem: DiagnosisProblem, channels: Sequence[str], errors: Sequence[np.ndarray]) -> NoiseLevel:
+    """Error of a model between repeats of the same input, records against records and halves of a periodic one.
 
-        Parameters
-        ----------
-        most : float
-            Mean squared error of a model on data that it was not fitted to, which holds all of the noise.
-
-        Returns
-        -------
-        NoiseLevel
-        """
-        if self.variance is None or self.variance <= most:
-            return self
-        return replace(self, variance=most, description=f"{self.description}: they differ by "
-                       f"{np.sqrt(2 * self.variance):.3g} rms, and the error of the model out of fold bounds the noise")
-
-
-def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequence[np.ndarray]) -> NoiseLevel:
-    """Variance of the output between repeats of the same input, records against records and periods within one.
-
-    Two stretches with the same inputs have the same response, so that half the variance of their difference is noise,
-    whatever the model. Inputs agree where every channel differs by less than `DISTINCT` of its spread.
+    With e_k = m + n_k at repeat k, m a function of the inputs and n_k noise, the variance of n is the mean of
+    (e_1 − e_2)²/2, and that of m the mean of e_1 e_2. Inputs agree where every channel differs by less than `DISTINCT`
+    of its spread; what such a difference changes at the output is in the model too, and so in neither error.
 
     Parameters
     ----------
-    signals : sequence of Signals
+    problem : DiagnosisProblem
     channels : sequence of str
         The inputs that must repeat.
-    masks : sequence of (n,) bool arrays
-        Samples to use.
+    errors : sequence of (n,) arrays
+        Of the model, per record, in the output's unit.
 
     Returns
     -------
     NoiseLevel
         Of variance None where fewer samples repeat than two of the shortest pieces have.
     """
-    squares, count, stated = 0.0, 0, []
-
-    def repeats(difference: np.ndarray, text: str) -> None:
-        nonlocal squares, count
-        squares += float(np.sum(difference**2)) / 2
-        count += difference.size
-        stated.append(text)
-
-    for (a, m), (b, k) in combinations(zip(signals, masks, strict=True), 2):
-        n = min(a.n_samples, b.n_samples)
-        if _alike(a, b, channels, n):
-            repeats((a.output[:n] - b.output[:n])[m[:n] & k[:n]], f"{a.name} repeats {b.name}")
-    for s, m in zip(signals, masks, strict=True):
-        if lag := _period(s, channels):
-            repeats((s.output[:-lag] - s.output[lag:])[m[:-lag] & m[lag:]],
-                    f"{s.name} repeats after {lag * s.sample_time:.3g} s")
+    signals, number = problem.signals, problem.blocks.number
+    pairs = [(j, k, 0, f"{a.name} repeats {b.name}") for (j, a), (k, b) in combinations(enumerate(signals), 2)
+             if _alike(a, b, channels, min(a.n_samples, b.n_samples))]
+    pairs += [(k, k, lag, f"{s.name} repeats after {lag * s.sample_time:.3g} s") for k, s in enumerate(signals)
+              if (lag := _period(s, channels))]
+    first, second, block = [], [], []
+    for j, k, lag, _ in pairs:
+        n = min(errors[j].size, errors[k].size - lag)
+        inside = np.flatnonzero((number[j][:n] >= 0) & (number[k][lag: lag + n] >= 0))
+        first.append(errors[j][inside])
+        second.append(errors[k][lag + inside])
+        block.append(number[j][inside])
+    count = sum(e.size for e in first)
     if count < 2 * SHORTEST:
-        return NoiseLevel(None, 0, "no input repeats, so the noise level is only bounded by the best model")
-    return NoiseLevel(squares / count, count, "; ".join(stated[:3]) + (" …" if len(stated) > 3 else ""))
+        return NoiseLevel(None, 0.0, 0, "no input repeats, so the noise level is only bounded by the best model")
+    one, two = np.concatenate(first), np.concatenate(second)
+    _, of_block, samples = np.unique(np.concatenate(block), return_inverse=True, return_counts=True)
+    sums = np.bincount(of_block, one * two)
+    common = float(sums.sum()) / count
+    deviations = sums - common * samples
+    error = float(np.sqrt(sums.size / max(sums.size - 1, 1) * (deviations @ deviations))) / count
+    return NoiseLevel(float(np.mean((one - two) ** 2)) / 2, max(common - QUANTILE * error, 0.0), count,
+                      "; ".join(t for *_, t in pairs[:3]) + (" …" if len(pairs) > 3 else ""))
 
 
 def _alike(a: Signals, b: Signals, channels: Sequence[str], n: int) -> bool:
@@ -102,7 +94,10 @@ def _alike(a: Signals, b: Signals, channels: Sequence[str], n: int) -> bool:
 
 
 def _period(s: Signals, channels: Sequence[str]) -> int:
-    """Shortest lag in samples at which all inputs repeat over the rest of the record; 0 where none does."""
+    """Longest lag in samples, up to half of the record, at which all inputs repeat; 0 where none does.
+
+    The longest: slow noise is the same a short period later.
+    """
     n = s.n_samples
     moving = [s[c] - s[c].mean() for c in channels if np.std(s[c]) > HALF_DIGITS * max(float(np.abs(s[c]).max()), TINY)]
     if not moving:
@@ -116,4 +111,5 @@ def _period(s: Signals, channels: Sequence[str]) -> int:
         worst = np.maximum(worst, (power[n - lags] + power[n] - power[lags] - 2 * cross) / (n - lags) / np.var(x))
     departed = np.maximum.accumulate(worst) > 1  # correlation below ½ before, as in `condition.repetition_period`
     good = np.flatnonzero(departed & (worst < DISTINCT**2))
-    return int(good[0]) if good.size else 0
+    last = good[2 * good > 2 * good[-1] - good[0]] if good.size else np.zeros(1, int)  # its neighbours are alike too
+    return int(last[np.argmin(worst[last])])

@@ -24,7 +24,6 @@ from lpvid.diagnosis.evidence.selection import SelectedSet, on_all_samples, sele
 from lpvid.diagnosis.evidence.thinning import search_problem
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
-from lpvid.diagnosis.noise import noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem, problem_of
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, screen
@@ -126,11 +125,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
     first = None
     while True:
         selected = _measured(search, rejected, records, baseline, report_progress)
-        whole = selected.problem
-        driving = [c for c in baseline.channels if c != baseline.output]
-        level = noise_level(whole.signals, driving, whole.blocks.mask())
-        level = level.bounded(float(np.mean(selected.after**2)))
-        found = EvidenceOutcome(baseline, search, selected, screened, unusable, level, held_out,
+        found = EvidenceOutcome(baseline, search, selected, screened, unusable, held_out,
                                 tuple(sorted({n for members in rejected for n in members})))
         first = first or found
         if found.predicts:

@@ -30,7 +30,7 @@ from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.selection import SelectedSet, SetMember, least_change
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import ErrorRegime, localise, spectrum_lines
-from lpvid.diagnosis.noise import NoiseLevel
+from lpvid.diagnosis.noise import NoiseLevel, noise_level
 from lpvid.diagnosis.screening import ScreeningResult
 from lpvid.effects.extended import ExtendedModel
 from lpvid.record import Record
@@ -53,7 +53,6 @@ class EvidenceOutcome:
     screened : tuple of ScreeningResult
         Of all candidates beside the baseline alone.
     unusable : tuple of CannotTell
-    level : NoiseLevel
     held_out : sequence of Record
     without_gain : tuple of str
         Members of more probable sets whose error on data that the fit has not seen is no lower.
@@ -64,7 +63,6 @@ class EvidenceOutcome:
     selected: SelectedSet
     screened: tuple[ScreeningResult, ...]
     unusable: tuple[CannotTell, ...]
-    level: NoiseLevel
     held_out: Sequence[Record]
     without_gain: tuple[str, ...] = ()
 
@@ -126,8 +124,9 @@ class EvidenceOutcome:
         why_not = {**dict.fromkeys(self.without_gain, NO_GAIN), **dict(selected.dropped), **self._at_bounds()}
         rejected += [Rejected(n, why) for n, why in why_not.items() if n not in known]
         left = problem.errors(final.composition, final.vector)
+        level = noise_level(problem, [c for c in self.baseline.channels if c != self.baseline.output], left)
         verdict, reason = self._verdict(named, contested, [m for m in found if not members or reasons[m.effect.name]],
-                                        spectrum_lines(problem, left))
+                                        level, spectrum_lines(problem, left))
         if not named and before.esr_held_out > 1:
             verdict = "unexplained"
             reason = f"the free run of {self.baseline.name} is farther from the data than their mean (held-out ESR " \
@@ -140,10 +139,10 @@ class EvidenceOutcome:
         in_set = {n for m in members for n in (m.effect.name, m.name)}
         return Diagnosis(
             verdict, reason, {**self.baseline.with_vector(selected.root.vector).describe()}, before, after,
-            None if self.level.variance is None else float(np.sqrt(self.level.variance)), self._noise(), wrong,
+            None if level.variance is None else float(np.sqrt(level.variance)), self._noise(level), wrong,
             tuple(self._cause(m, spread) for m in named), tuple(self._rivals(m) for m in contested),
             (*self.unusable, *self._invisible(in_set)), tuple(rejected),
-            self._share() if named or contested else None, where,
+            self._share(level.variance or 0.0) if named or contested else None, where,
             ExtendedModel.of(final, of_parameters, self.baseline), self.baseline.output_unit, None,
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
@@ -153,16 +152,19 @@ class EvidenceOutcome:
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember],
-                 lines: Sequence[ErrorRegime]) -> tuple[str, str]:
+                 level: NoiseLevel, lines: Sequence[ErrorRegime]) -> tuple[str, str]:
         law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after)
+        repeating = float(np.sqrt(level.repeating)) / self.search.data.discrepancy.output_rms
         foreign = max((float(np.sqrt(x.share)) * left for x in lines), default=0.0)
         structure = f"the error that the inputs predict is {law_error:.1%} of the output"
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
-        noise = "" if left <= ACCEPTABLE_MISFIT else \
-            f"; what is left, {left:.1%} of the output, is taken for noise; a repeat of the run decides that"
+        structure += f"; at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
+        shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \
+            "is noise, as repeats show"
+        noise = f"; what is left, {left:.1%} of the output, {shown}" if left > ACCEPTABLE_MISFIT else ""
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
-            if not contested and max(law_error, foreign, *(m.change for m in others)) <= ACCEPTABLE_MISFIT:
+            if not contested and max(law_error, foreign, repeating, *(m.change for m in others)) <= ACCEPTABLE_MISFIT:
                 return "explained", f"{described}; {structure}, as much as a good law leaves{noise}"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
@@ -179,8 +181,8 @@ class EvidenceOutcome:
                    "of the output"
             return "unexplained", "no cause is probable enough to be named, and the error is no noise: with " \
                                   f"{fall}; {structure}"
-        if max(law_error, foreign) > ACCEPTABLE_MISFIT:
-            return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
+        if max(law_error, foreign, repeating) > ACCEPTABLE_MISFIT:
+            return "unexplained", f"no cause of the catalogue is probable enough; {structure}"
         little = ", ".join(m.effect.name for m in self.selected.members)
         stated = f"; {little} would change the output too little to be named" if little and self.needless else ""
         return "nothing-to-explain", f"no cause is needed; {structure}{noise}{stated}"
@@ -196,14 +198,13 @@ class EvidenceOutcome:
         return {n: f"it fits best at its bound, {bound}: the optimum is beyond what is possible"
                 for w in sets for n, bound in w.at_bounds.items() if n not in best.members}
 
-    def _share(self) -> tuple[float, float] | None:
+    def _share(self, noise: float) -> tuple[float, float] | None:
         """Share of the baseline's squared error out of fold, less the noise of repeats, that the set removes.
 
         None where the noise is all of that error.
         """
         selected = self.selected
-        floor = (self.level.variance or 0.0) * selected.problem.n_samples
-        excess = float(np.sum(selected.before**2)) - floor
+        excess = float(np.sum(selected.before**2)) - noise * selected.problem.n_samples
         if not excess > 0:
             return None
         gains = selected.gains
@@ -295,12 +296,12 @@ class EvidenceOutcome:
                                 esr if w.members == reported and self.significant else None)
                      for k, (w, p) in enumerate(self.selected.sets) if k < LISTED or w.members == reported)
 
-    def _noise(self) -> dict[str, Any]:
+    def _noise(self, level: NoiseLevel) -> dict[str, Any]:
         s = self.search
         m = self.selected.sets[0][0].marginal(s.kappa)
         white, share = s.kappa > 0.5, self.selected.predictable
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
-                "coefficients": [1.0], "from_repeats": self.level.description, "predictable_share": share,
+                "coefficients": [1.0], "from_repeats": level.description, "predictable_share": share,
                 "independent_samples": s.kappa * s.problem.n_samples}
 
 

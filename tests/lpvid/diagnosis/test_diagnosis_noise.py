@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from helpers.toy_diagnosis import (
     PERIOD,
+    TRUE,
     Bent,
     drive,
     record,
@@ -13,8 +16,9 @@ from helpers.toy_diagnosis import (
 
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import FEWEST, Blocks
-from lpvid.diagnosis.noise import noise_level
+from lpvid.diagnosis.noise import NoiseLevel, noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.effects.composition import Composition
 from lpvid.errors import InputError
 
 
@@ -22,47 +26,82 @@ def plain(n: int, name: str = "record") -> Signals:
     return Signals(PERIOD, {"u": np.zeros(n)}, np.zeros(n), name)
 
 
+def level_of(runs: Sequence[Signals], channels: Sequence[str] = ("u",)) -> tuple[NoiseLevel, int]:
+    """Of the errors that the true law has, and the samples in blocks."""
+    problem = DiagnosisProblem(tuple(runs), Blocks.of(runs))
+    errors = problem.errors(Composition(Bent(TRUE)), np.array(TRUE))
+    return noise_level(problem, channels, errors), problem.n_samples
+
+
 class TestNoiseLevel:
     def test_from_records_that_repeat(self, rng: np.random.Generator) -> None:
         u = drive(4000, rng)
         for kind in ("white", "proportional"):
             runs = [Bent().signals(record(rng, kind, 0.7, u=u)) for _ in range(3)]
-            found = noise_level(runs, ["u"], [np.ones(4000, bool)] * 3)
-            assert found.variance == pytest.approx(0.49, rel=0.1) and found.samples == 12000
+            found, inside = level_of(runs)
+            assert found.variance == pytest.approx(0.49, rel=0.1) and found.samples == inside
+            assert found.repeating < 0.02
 
     def test_from_periods_within_a_record(self, rng: np.random.Generator) -> None:
         u = np.tile(drive(700, rng), 6)
-        s = Bent().signals(record(rng, "white", 0.5, u=u))
-        found = noise_level([s], ["u", "c"], [np.ones(4200, bool)])
-        assert found.variance == pytest.approx(0.25, rel=0.1) and "7 s" in found.description
+        found, _ = level_of([Bent().signals(record(rng, "white", 0.5, u=u))], ["u", "c"])
+        assert found.variance == pytest.approx(0.25, rel=0.1) and "after 14 s" in found.description
 
     def test_a_period_is_found_however_short_and_a_slow_start_is_none(self, rng: np.random.Generator) -> None:
         """8 Hz repeat after an eighth of a second; a hundredth of a turn is alike and no repeat."""
         t = np.arange(4000) / 400
         for motion, lag in ((np.sin(16 * np.pi * t), 50), (np.sin(0.1 * np.pi * t), 0)):
-            s = Signals(1 / 400, {"u": motion}, motion + 0.3 * rng.standard_normal(t.size), "record")
-            found = noise_level([s], ["u"], [np.ones(t.size, bool)])
-            assert found.samples == (t.size - lag if lag else 0)
+            s = Signals(1 / 400, {"u": motion}, motion, "record")
+            problem = DiagnosisProblem((s,), Blocks.of([s]))
+            found = noise_level(problem, ["u"], [0.3 * rng.standard_normal(t.size)])
+            assert 0.35 * t.size < found.samples < 0.55 * t.size if lag else found.samples == 0
             assert found.variance is None if not lag else found.variance == pytest.approx(0.09, rel=0.1)
 
-    def test_whatever_the_model_misses(self, rng: np.random.Generator) -> None:
-        """A hidden cause repeats with the input and is no noise."""
-        u = drive(4000, rng)
-        runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x: 5 * np.sign(x))) for _ in range(2)]
-        assert noise_level(runs, ["u"], [np.ones(4000, bool)] * 2).variance == pytest.approx(0.16, rel=0.15)
+    @pytest.mark.parametrize("kind", ["white", "ar1"])
+    def test_what_the_model_lacks_repeats_and_is_no_noise(self, kind: str, rng: np.random.Generator) -> None:
+        u = drive(8000, rng)
+        runs = [Bent().signals(record(rng, kind, 0.4, u=u, hidden=lambda x: 0.5 * np.sign(x))) for _ in range(2)]
+        found, _ = level_of(runs)
+        assert found.variance == pytest.approx(0.16, rel=0.3)
+        assert 0.5 * 0.25 < found.repeating < 0.25
 
-    def test_no_more_than_a_model_leaves(self, rng: np.random.Generator) -> None:
-        """A part that does not repeat, as that of another temperature, differs between repeats and is no noise."""
+    def test_a_part_that_differs_between_repeats_does_not_repeat(self, rng: np.random.Generator) -> None:
+        """Such as that of another temperature."""
         u = drive(4000, rng)
         drifts = (np.zeros(4000), np.linspace(0.0, 2.0, 4000))
         runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x, d=d: d)) for d in drifts]
-        found = noise_level(runs, ["u"], [np.ones(4000, bool)] * 2)
-        assert found.variance is not None and found.variance > 0.7 and found.bounded(1.0) is found
-        assert found.bounded(0.17).variance == 0.17 and "bounds the noise" in found.bounded(0.17).description
+        found, _ = level_of(runs)
+        assert found.variance == pytest.approx(0.16 + 2 / 3, rel=0.1) and found.repeating < 0.02
+
+    def test_inputs_that_differ_a_little_change_what_the_model_states(self, rng: np.random.Generator) -> None:
+        """A hundredth of the input changes the output by more than its noise, and the error by no more than that."""
+        u = drive(4000, rng)
+        runs = [Bent().signals(record(rng, level=0.02, u=k * u)) for k in (1.0, 1.015)]
+        found, _ = level_of(runs)
+        assert found.variance == pytest.approx(0.0004, rel=0.1)
+        assert np.mean((runs[0].output - runs[1].output) ** 2) / 2 > 2 * 0.0004
+
+    def test_slow_noise_does_not_repeat(self, rng: np.random.Generator) -> None:
+        """Of 40 pairs of runs at most two have a part that repeats by more than a good law's misfit."""
+        few = 0
+        for _ in range(40):
+            u = drive(3000, rng)
+            found, _ = level_of([Bent().signals(record(rng, "ar1", 0.3, u=u)) for _ in range(2)])
+            few += found.repeating > (0.03 * TRUE[0]) ** 2
+        assert few <= 2
+
+    def test_slow_noise_beside_a_fast_motion_does_not_repeat(self, rng: np.random.Generator) -> None:
+        """An eighth of a second later it is the same; half of the record later it is not."""
+        few = 0
+        for _ in range(40):
+            u = np.sin(16 * np.pi * np.arange(3000) * PERIOD)
+            found, _ = level_of([Bent().signals(record(rng, "ar1", 0.3, u=u))])
+            few += found.repeating > (0.03 * TRUE[0]) ** 2
+        assert few <= 2
 
     def test_none_where_nothing_repeats(self, rng: np.random.Generator) -> None:
-        runs = [Bent().signals(record(rng)) for _ in range(2)]
-        assert noise_level(runs, ["u"], [np.ones(3000, bool)] * 2).variance is None
+        found, _ = level_of([Bent().signals(record(rng)) for _ in range(2)])
+        assert found.variance is None and found.repeating == 0
 
 
 class TestBlocks:

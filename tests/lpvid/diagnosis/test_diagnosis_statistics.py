@@ -263,7 +263,7 @@ class TestDiagnosis:
         assert found.verdict == "explained" and [c.name for c in found.causes] == ["dry"]
 
     def test_noise_of_a_recorded_input_is_not_unexplained(self, rng: np.random.Generator) -> None:
-        """The true law, simulated from noisy records of one motion: the output's own repeats agree far better."""
+        """The true law, simulated from noisy records of one motion: all of its error is other in the other record."""
         u = drive(3000, rng)
         y = TRUE[0] * u + TRUE[1] * np.tanh(TRUE[2] * u)
         runs = []
@@ -274,7 +274,7 @@ class TestDiagnosis:
             channels["y"] = Channel(y + 0.01 * rng.standard_normal(u.size), "V")
             runs.append(Record(channels, PERIOD, name=name))
         found = diagnose(runs, Bent(), (Dry(), Cubic()))
-        assert found.noise_floor == pytest.approx(0.01, rel=0.1) and found.before.rmse > 0.02
+        assert found.noise_floor == pytest.approx(found.before.rmse, rel=0.05) and found.before.rmse > 0.02
         assert found.verdict == "nothing-to-explain"
 
     def test_names_the_cause_and_its_strength(self, rng: np.random.Generator) -> None:
@@ -323,7 +323,7 @@ class TestDiagnosis:
         found = diagnose([given], Bent(), (Wave(), Zero()))
         assert not found.causes and not found.stand_ins
         signals = Bent().signals(given)
-        inside = Blocks.of([signals]).mask()[0]
+        inside = Blocks.of([signals]).number[0] >= 0
         fitted = Bent().fit([Record({k: Channel(given[k][inside], "") for k in ("u", "c", "y")}, sample_time=PERIOD)])
         left = (signals.output - fitted.core(fitted.vector)(signals))[inside]
         least = float(np.mean(left**2) / np.var(signals.output[inside]))
@@ -337,7 +337,7 @@ class TestDiagnosis:
         given = [record(rng, u=drive(3000, rng) + mean) for mean in (0.0, 6.0)]
         found = diagnose(given, Bent(), (Wave(), Zero()))
         signals = [Bent().signals(r) for r in given]
-        inside = Blocks.of(signals).mask()
+        inside = [n >= 0 for n in Blocks.of(signals).number]
         fitted = Bent().fit(given)
         left = sum(float(np.sum((s.output - fitted.core(fitted.vector)(s))[m] ** 2))
                    for s, m in zip(signals, inside, strict=True))

@@ -56,7 +56,7 @@ def test_what_was_recorded_late_is_read_inside_the_record():
     long = in_turn([moving(20000)])
     later = round(LOOK_AHEAD * RATE)
     for (s,) in (stretched(long), long):
-        (counted,) = Blocks.of([s]).mask()
+        counted = Blocks.of([s]).number[0] >= 0
         for (first, last), span in zip(s.pieces, [t.span for t in s.stretches] or [(0.0, 1.0)], strict=True):
             inside = first + np.flatnonzero(counted[first:last]) + later
             assert inside.size and inside.max() < last
