@@ -368,10 +368,11 @@ def _cannot_tell(found: Diagnosis) -> list[Item]:
 
 
 def _data(found: Diagnosis) -> list[Item]:
-    noise = found.noise
-    stated = (
-        [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}."] if noise else []
-    )
+    noise, stated = found.noise, []
+    if noise:
+        repeats = f"; an error of at least {number(noise['repeating'], 3, found.unit)} repeats" \
+            if noise.get("repeating") else ""
+        stated = [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}{repeats}."]
     parameters = found.baseline.get("parameters", [])
     items: list[Item] = [Notes((*stated, *found.notes, f"{found.seconds:.1f} s of computing."))]
     if parameters:

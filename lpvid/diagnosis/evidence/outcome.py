@@ -301,8 +301,8 @@ class EvidenceOutcome:
         m = self.selected.sets[0][0].marginal(s.kappa)
         white, share = s.kappa > 0.5, self.selected.predictable
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
-                "coefficients": [1.0], "from_repeats": level.description, "predictable_share": share,
-                "independent_samples": s.kappa * s.problem.n_samples}
+                "coefficients": [1.0], "from_repeats": level.description, "repeating": float(np.sqrt(level.repeating)),
+                "predictable_share": share, "independent_samples": s.kappa * s.problem.n_samples}
 
 
 def _either(m: SetMember, signals: Sequence[Signals]) -> str:

@@ -277,6 +277,16 @@ class TestDiagnosis:
         assert found.noise_floor == pytest.approx(found.before.rmse, rel=0.05) and found.before.rmse > 0.02
         assert found.verdict == "nothing-to-explain"
 
+    def test_error_that_repeats_is_not_nothing(self, rng: np.random.Generator) -> None:
+        """A load that is the same in both runs, and no function of the input: one run cannot show it beside noise."""
+        u, load = drive(3000, rng), 0.35 * drive(3000, rng)
+        runs = [record(rng, "ar1", 0.4, u=u, hidden=lambda _: load) for _ in range(2)]
+        one, two = (diagnose(runs[:n], Bent(), (Wave(), Zero())) for n in (1, 2))
+        assert one.verdict == "nothing-to-explain" and "a repeat of the run decides that" in one.reason
+        assert one.noise["repeating"] == 0
+        assert two.verdict == "unexplained" and "repeats where they do" in two.reason
+        assert 0.2 < two.noise["repeating"] < 0.35 and two.noise_floor == pytest.approx(0.4, rel=0.1)
+
     def test_names_the_cause_and_its_strength(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, "ar1", hidden=lambda u: 1.2 * np.sign(u))], Bent(), CAUSES)
         assert found.verdict in {"explained", "partly-explained"} and [c.name for c in found.causes] == ["dry"]
