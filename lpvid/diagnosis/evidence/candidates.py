@@ -144,8 +144,7 @@ def by_predicted_gain(sets: VisitedSets, screening: BaselineScreening, w: Evalua
 
 def _chosen(sets: VisitedSets, w: EvaluatedSet, remaining: Mapping[Effect, float]) -> list[Effect]:
     """The best `CHILDREN` effects by the share of the error that remains, and `CHILDREN_PER_KIND` of each kind."""
-    count = 0.5 * sets.kappa * sets.problem.n_samples
-    deficit = {e: count * np.log(max(remaining[e], EPS)) - inclusion_prior(e) for e in remaining}
+    deficit = {e: sets.deficit(max(share, EPS), 1.0) - inclusion_prior(e) for e, share in remaining.items()}
     most = sets.score(w) - sets.score(sets.best) + MOST_DEFICIT
     ranked = sorted((e for e in remaining if deficit[e] < most), key=lambda e: deficit[e])
     chosen = ranked[:CHILDREN]

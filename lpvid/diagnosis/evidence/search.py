@@ -22,7 +22,7 @@ from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUC
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.visited import VisitedSets, posterior
-from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.refitting import ROUGH_DECREASE, Refit, refit
 from lpvid.diagnosis.screening import Direction, start_vector
 from lpvid.diagnosis.start_points import start_points
 from lpvid.effects.composition import Composition
@@ -83,6 +83,19 @@ class SetSearch(VisitedSets):
         self.kappas = tuple(kappa_of(self.structured, self.problem.n_samples, a) for a in STRUCTURED_SAMPLES_RANGE)
         self._exchange_and_enlarge(posterior(self)[0][0])  # averaged over α, it may be another set
 
+    def add(self, w: EvaluatedSet) -> None:
+        """Keep a set if its cost is lower than before; its neighbours are then visited again from its new refit.
+
+        Parameters
+        ----------
+        w : EvaluatedSet
+        """
+        before = self.visited.get(w.members)
+        super().add(w)
+        if before and self.visited[w.members] is w and self.deficit(before.fit.cost, w.fit.cost) > ROUGH_DECREASE:
+            self.enlarged.discard(w.members)
+            self.exchanged.discard(w.members)
+
     # -- larger sets -------------------------------------------------------------------------------------------------
     def _can_grow(self, w: EvaluatedSet) -> bool:
         """Whether a set may still be enlarged; one with a filter of all channels is not: that is added last."""
@@ -138,7 +151,7 @@ class SetSearch(VisitedSets):
         if not w.members and (lag_starts := self.baseline_screening.lag_starts.get(added.name)) is not None:
             return self.best_refit(composition, [v for _, v in lag_starts], None, (added,))
         vectors = [start_vector(composition, w.fit, {added.name: p}) for p in start_points(added, found)]
-        return self.best_refit(composition, vectors, w.fit, (added,))
+        return self.best_refit(composition, vectors, w.fit, (added,), REFITTED_STARTS)
 
     def _pairs(self) -> None:
         """Visit pairs of effects that physics links, which may act only together."""
@@ -169,23 +182,19 @@ class SetSearch(VisitedSets):
     def _exchange_members(self, w: EvaluatedSet) -> None:
         """Visit the set without each of its members, and with related effects in the place of each.
 
-        A set that was visited before is refitted where a start vector has a lower cost than its last refit.
+        Sets that were visited before are refitted too: an earlier refit may have ended in another minimum.
         """
         if w.members in self.exchanged:
             return
         self.exchanged.add(w.members)
         reduced = [remaining for e in w.effects if self.allowed(remaining := tuple(x for x in w.effects if x is not e))]
         own = {x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)}
-        root = self.root.fit
         _ = w.fit.jacobian  # computed once, for all forks
 
-        def without_one(remaining: tuple[Effect, ...]) -> EvaluatedSet | None:
+        def without_one(remaining: tuple[Effect, ...]) -> EvaluatedSet:
             composition = Composition(w.fit.composition.baseline, remaining)
             vectors = [start_vector(composition, w.fit, {}),
-                       start_vector(composition, root, {x.name: own[x.name] for x in remaining})]
-            known = self.visited.get(composition.members)
-            if known is not None and not any(self.cost_at(composition, v) < known.fit.cost for v in vectors):
-                return None
+                       start_vector(composition, self.root.fit, {x.name: own[x.name] for x in remaining})]
             for x in remaining:  # so that no set has a higher cost than one of its subsets
                 if (less := self.visited.get(frozenset(y.name for y in remaining if y is not x))) and less.members:
                     vectors.append(start_vector(composition, less.fit, {x.name: own[x.name]}))
@@ -222,18 +231,15 @@ class SetSearch(VisitedSets):
             scaling_gain = 0.0 if lag else (error @ change) ** 2 / max(float(change @ change), TINY)
             costs.append(float(error @ error - scaling_gain))
 
-        def deficit(cost: float) -> float:
-            return 0.5 * self.kappa * self.problem.n_samples * float(np.log(max(cost, TINY) / w.fit.cost))
-
         found = []
-        if lag or deficit(min(costs)) < MOST_DEFICIT:
+        if lag or self.deficit(min(costs), w.fit.cost) < MOST_DEFICIT:
             best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
             found.append(self.best_refit(composition, best, w.fit, (inserted,), REFITTED_STARTS))
         own, root = slice(composition.own), self.root.fit
         if np.any(w.fit.at_bounds()[own] & ~root.at_bounds()[own]):
             restarted = [np.concatenate([root.vector[own], v[composition.own:]]) for v in vectors]
             first = self.best_refit(composition, [min(restarted, key=lambda v: self.cost_at(composition, v))], None)
-            if deficit(first.cost) < MOST_DEFICIT:
+            if self.deficit(first.cost, w.fit.cost) < MOST_DEFICIT:
                 first = refit(self.problem, composition, first.vector, iterations=2 * ITERATIONS)
             found.append(first)
         return self.evaluated(min(found, key=lambda f: f.cost)) if found else None

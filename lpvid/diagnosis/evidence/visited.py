@@ -20,7 +20,7 @@ from lpvid.diagnosis.refitting import Refit, descend, refined_by_trial, settled_
 from lpvid.diagnosis.screening import start_vector
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
-from lpvid.rounding import EXPLODED
+from lpvid.rounding import EXPLODED, TINY
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -131,6 +131,21 @@ class VisitedSets:
         structured = max(w.fit.cost / self.problem.n_samples - self.floor, 0.0)
         return w.evidence(kappa) + misfit_prior(np.sqrt(structured) / self.data.discrepancy.output_rms)
 
+    def deficit(self, cost: float, other: float) -> float:
+        """Deficit of the log-likelihood at a squared error against that at another one, at the current κ.
+
+        Parameters
+        ----------
+        cost, other : float
+            In the squared unit of the output, over all samples.
+
+        Returns
+        -------
+        float
+            In nats; negative where the cost is the lower one.
+        """
+        return 0.5 * self.kappa * self.problem.n_samples * float(np.log(max(cost, TINY) / max(other, TINY)))
+
     def update_kappa(self) -> None:
         """Compute κ from the error of the best set, up to three times: another set may become the best."""
         for _ in range(3):
@@ -171,8 +186,8 @@ class VisitedSets:
         -------
         list
         """
-        baseline = self.root.fit.composition.baseline
-        return in_forks(function, items, (self.data, self.problem, baseline, *self.candidates, *shared))
+        return in_forks(function, items, (self.data, self.problem, self.root.fit.composition.baseline,
+                                          *self.candidates, *shared))
 
     def best_refit(self, composition: Composition, start_vectors: Sequence[np.ndarray], near: Refit | None,
                    added: Sequence[Effect] = (), full_refits: int = 1) -> Refit:
@@ -194,8 +209,7 @@ class VisitedSets:
         Refit
         """
         weight = max(self.kappa, LEAST_KAPPA)
-        low, high = composition.bounds
-        starts = {np.clip(v, low, high).tobytes(): v for v in start_vectors}.values()
+        starts = {np.clip(v, *composition.bounds).tobytes(): v for v in start_vectors}.values()
 
         def coarsely(start: np.ndarray) -> Refit:
             settled = start if near is None else settled_start(self.problem, composition, start, near)

@@ -10,7 +10,7 @@ from lpvid.diagnosis.evidence import candidates
 from lpvid.diagnosis.evidence.engine import prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.visited import posterior
-from lpvid.diagnosis.refitting import refit
+from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.effects.effect import EffectParameter
 
 
@@ -72,8 +72,32 @@ def test_a_smaller_set_that_stopped_in_another_minimum_is_refitted_from_the_larg
     assert search.visited[frozenset({"dry"})].fit.cost < 1.001 * right.fit.cost
     kept = search.visited[frozenset({"dry"})]
     search.exchanged.clear()
-    search._exchange_members(both)  # no start vector has a lower cost now
-    assert search.visited[frozenset({"dry"})] is kept
+    search._exchange_members(both)  # no refit has a lower cost now
+    assert search.visited[frozenset({"dry"})].fit.cost == pytest.approx(kept.fit.cost, rel=1e-6)
+
+
+@pytest.mark.parametrize("from_elsewhere", [True, False])
+def test_a_set_whose_refit_is_improved_is_enlarged_again(from_elsewhere: bool):
+    """Its children were refitted from the worse minimum. One that was at the minimum before is not enlarged again."""
+    run = record(np.random.default_rng(5), level=0.05, hidden=lambda u: 0.8 * np.sign(u) + 0.2 * u**3)
+    search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
+    search.run(root_of(search.problem, Bent()))
+    dry, both = frozenset({"dry"}), frozenset({"dry", "cubic"})
+    least, child = (search.visited[m].fit for m in (dry, both))
+    least = refit(search.problem, least.composition, least.vector)
+
+    def visited(fit: Refit, vector: np.ndarray) -> None:
+        found = EvaluatedSet(search.data, refit(search.problem, fit.composition, vector, iterations=0))
+        search.visited[found.members] = found
+
+    visited(least, least.vector * (1.05 if from_elsewhere else 1.0))
+    visited(child, child.vector * 1.05)
+    search.enlarged.add(dry)
+    search.exchanged.add(dry)
+    search.add(EvaluatedSet(search.data, least))
+    assert (dry in search.enlarged) is (dry in search.exchanged) is not from_elsewhere
+    search.enlarge([search.visited[dry]])
+    assert (search.visited[both].fit.cost < 1.01 * child.cost) is from_elsewhere
 
 
 class Ringing(Added):
