@@ -38,7 +38,7 @@ CASES = {"scherer": (scherer, lpv.OutputFeedback()), "missile": (missile, lpv.Ou
          "wu-1996": (lambda: wu(5.0), lpv.OutputFeedback(lpv.Fourier("rho", 1))),
          "n12": (lambda: _large(12), lpv.OutputFeedback()), "n16": (lambda: _large(16), lpv.OutputFeedback()),
          "n12-two-parameters": (lambda: _large(12, 2), lpv.OutputFeedback())}
-SECONDS = ("wu-1996", "n12", "n16", "n12-two-parameters")
+SECONDS = ("missile", "wu-1996", "n12", "n16", "n12-two-parameters")
 """take seconds each; the others run by default"""
 
 

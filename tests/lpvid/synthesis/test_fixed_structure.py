@@ -171,7 +171,8 @@ def test_integral_behind_a_zero_at_rest_is_refused():
 
 
 @pytest.mark.parametrize("design", [
-    lambda gain: lpv.FixedStructure(lpv.PID(filter=0.1, integral=False), gain=gain, starts=1, points=2),
+    pytest.param(lambda gain: lpv.FixedStructure(lpv.PID(filter=0.1, integral=False), gain=gain, starts=1, points=2),
+                 marks=pytest.mark.seconds),
     lambda gain: lpv.StateFeedback(gain=gain, points=2)])
 def test_breakpoints_of_a_table_are_points_of_the_design(design):
     """Two points look at the ends alone; a table with a breakpoint between them is no worse than one line."""

@@ -1,7 +1,10 @@
 """Observers, filters and pole regions over polytopes: the box, dense mixtures of the vertices and runs as oracles."""
 
+from functools import cache
+
 import numpy as np
 import pytest
+from helpers.responses import largest_gain
 from helpers.synthesis_plants import column, plant
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
 
@@ -27,6 +30,12 @@ def mixed(sample_time=None):
                  lpv.Scheduling(NAMES, (0.0, 0.0), (1.0, 1.0)), sample_time)
 
 
+@cache
+def observed(sample_time=None):
+    """The observer over the triangle, designed once."""
+    return lpv.synthesize(mixed(sample_time), lpv.Observer(hull=TRIANGLE))
+
+
 def mixtures(count, rng):
     return np.vstack([TRIANGLE.vertices(), rng.dirichlet(0.5 * np.ones(3), count) @ TRIANGLE.vertices()])
 
@@ -39,14 +48,13 @@ def largest(loop, points):
         assert (np.abs(poles).max() < 1) if loop.is_discrete else (poles.real.max() < 0)
         at = (np.exp(1j * np.r_[0.0, np.geomspace(1e-4, np.pi, 300)]) if loop.is_discrete
               else 1j * np.r_[0.0, np.geomspace(1e-3, 1e3, 300)])
-        worst = max(worst, *(np.linalg.norm(c @ np.linalg.solve(s * np.eye(len(a)) - a, b) + d, 2) for s in at))
+        worst = max(worst, largest_gain((a, b, c, d), at))
     return worst
 
 
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_observer_over_a_hull_is_no_worse_than_over_the_box(sample_time, rng):
-    case = mixed(sample_time)
-    box, found = (lpv.synthesize(case, lpv.Observer(hull=h)) for h in (None, TRIANGLE))
+    box, found = lpv.synthesize(mixed(sample_time), lpv.Observer()), observed(sample_time)
     assert found.verdict == "solved" and found.between_grid and found.region == "polytope"
     assert found.gamma_verified <= 1.01 * box.gamma_verified
     assert lpv.verify(found.certificate, found.closed_loop).holds
@@ -84,6 +92,7 @@ def test_measurements_that_vary_need_a_constant_gain(rng):
         lpv.Observer(hull=TRIANGLE, gain=lpv.Polynomial(NAMES, 2))
 
 
+@pytest.mark.seconds
 def test_filter_of_a_plant_that_is_stable_inside_the_hull_only(rng):
     case = mixed()
     assert lpv.synthesize(case, lpv.Filter()).verdict != "solved"  # the corner p = q = 1 is unstable
@@ -92,6 +101,7 @@ def test_filter_of_a_plant_that_is_stable_inside_the_hull_only(rng):
     assert largest(found.closed_loop, mixtures(60, rng)) <= found.gamma_verified
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize(("sample_time", "region"), [
     (None, lpv.HalfPlane(0.8)), (None, lpv.Cone(0.6)), (None, lpv.Disc(-6.0, 5.5)), (0.1, lpv.Disc(0.0, 0.9))])
 def test_poles_stay_in_their_region_at_every_mixture(sample_time, region, rng):
@@ -138,6 +148,7 @@ def test_decay_over_a_hull_is_between_its_slowest_pole_and_the_vertices(rng):
     assert lpv.verify(decay.certificate, found.closed_loop).holds
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("scale", [1.0, 1e3])
 def test_a_half_plane_makes_no_controller_of_millions_of_hertz(scale):
     """At a back-off of 1 % the coupling stayed at its limit, with a pole at 2e7 Hz; units of states change nothing."""
@@ -186,8 +197,8 @@ def test_h2_norm_of_a_loop_over_a_hull(sample_time, rng):
 @pytest.mark.parametrize(("case", "design"), [(mixed, lpv.Observer), (measured, lpv.StateFeedback)])
 def test_in_discrete_time_the_lyapunov_matrix_may_follow_the_scheduling(case, design, rng):
     """Against one P, frozen norms, V along jumps with disturbances, and the inequality at steps between mixtures."""
-    still, found = (lpv.synthesize(case(0.1), design(hull=TRIANGLE, lyapunov=x))
-                    for x in (None, lpv.Polynomial(NAMES, 1)))
+    still = observed(0.1) if case is mixed else lpv.synthesize(case(0.1), design(hull=TRIANGLE))
+    found = lpv.synthesize(case(0.1), design(hull=TRIANGLE, lyapunov=lpv.Polynomial(NAMES, 1)))
     loop, gamma = found.closed_loop, found.gamma_verified
     assert found.verdict == "solved" and found.certificate.kind == "poly-quadratic" and found.region == "polytope"
     assert found.infimum <= still.infimum * (1 + 1e-6) and gamma <= still.gamma_verified * (1 + 1e-3)

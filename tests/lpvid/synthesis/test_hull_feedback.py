@@ -1,11 +1,13 @@
 """Full-order designs over scheduling sets that are no boxes: the box, fine grids and random trajectories as oracles."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
+from helpers.responses import held_steps, largest_gain
 from helpers.synthesis_plants import column, plant, wu
-from scipy.linalg import expm, solve_continuous_lyapunov
+from scipy.linalg import solve_continuous_lyapunov
 
 import lpvid as lpv
 from lpvid.model.hull import outside_share
@@ -13,6 +15,7 @@ from lpvid.synthesis.design_log import limits
 
 NAMES = ("c", "s")
 DISC = lpv.Hull.disc(NAMES, sides=16)
+SQUARE = lpv.Hull.disc(NAMES, sides=4)
 
 
 def _still(matrix):
@@ -36,6 +39,16 @@ def turning(sample_time=None, moving=False, unit=1.0):
                  lpv.Polynomial(NAMES, 1), box, sample_time)
 
 
+def synthesized(hull=DISC, sample_time=None, moving=False):
+    """Output feedback, designed once: most tests look at the same few loops."""
+    return _synthesized(hull, sample_time, moving)
+
+
+@cache
+def _synthesized(hull, sample_time, moving):
+    return lpv.synthesize(turning(sample_time, moving), lpv.OutputFeedback(hull=hull))
+
+
 def _polar(turns=24, rings=4):
     angle = np.linspace(0, 2 * np.pi, turns, endpoint=False)
     return np.vstack([r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in np.linspace(0, 1, rings)])
@@ -52,7 +65,7 @@ def _largest_frozen(loop, points):
         else:
             assert np.linalg.eigvals(a).real.max() < 0
             grid = 1j * np.concatenate([[0.0], np.geomspace(1e-3, 1e4, 400)])
-        found = max(found, *(np.linalg.norm(c @ np.linalg.solve(s * np.eye(len(a)) - a, b) + d, 2) for s in grid))
+        found = max(found, largest_gain((a, b, c, d), grid))
     return found
 
 
@@ -63,15 +76,12 @@ def _driven(loop, rng, steps=800, held=0.02):
     """
     angle, radius = np.cumsum(rng.normal(0, rng.uniform(0.02, 1.0), steps)), np.sqrt(rng.uniform(0.3, 1, steps))
     n, m = loop.order, len(loop.inputs)
+    systems = loop.at((radius * [np.cos(angle), np.sin(angle)]).T)
     x, energy, reached = np.zeros(n), 0.0, 0.0
     w = rng.standard_normal(m)
-    for t, r in zip(angle, radius, strict=True):
-        a, b, c, d = loop.frozen([r * np.cos(t), r * np.sin(t)])
-        whole, out = np.block([[a, b], [np.zeros((m, n + m))]]), np.hstack([c, d])
+    for step, square, b in zip(*held_steps(systems, held), systems[1], strict=True):
         y = np.concatenate([x, w])
-        pair = expm(np.block([[-whole.T, out.T @ out], [np.zeros_like(whole), whole]]) * held)  # Van Loan 1978
-        step = pair[n + m:, n + m:]
-        reached += float(y @ (step.T @ pair[: n + m, n + m:]) @ y)
+        reached += float(y @ square @ y)
         energy += held * float(w @ w)
         x = (step @ y)[:n]
         w = b.T @ x / max(np.linalg.norm(x), 1e-9) + 0.3 * rng.standard_normal(m)
@@ -80,20 +90,17 @@ def _driven(loop, rng, steps=800, held=0.02):
 
 def test_square_is_the_box():
     """Four sides around the circle are the box itself: the least bounds are the same."""
-    square = lpv.Hull.disc(NAMES, sides=4)
-    for design in (lpv.OutputFeedback, lambda hull=None: lpv.MultiObjective(lpv.H2(), feedthrough=False, hull=hull)):
-        hull, box = (lpv.synthesize(turning(), d) for d in (design(hull=square), design()))
-        assert hull.solved and box.solved
-        if hull.figures:
-            assert hull.h2_verified == pytest.approx(box.h2_verified, rel=2e-3)
-        else:
-            assert hull.infimum == pytest.approx(box.infimum, rel=1e-3)
+    hull, box = (synthesized(h) for h in (SQUARE, None))
+    assert hull.solved and box.solved and hull.infimum == pytest.approx(box.infimum, rel=1e-3)
+    hull, box = (lpv.synthesize(turning(), lpv.MultiObjective(lpv.H2(), feedthrough=False, hull=h))
+                 for h in (SQUARE, None))
+    assert hull.solved and box.solved and hull.h2_verified == pytest.approx(box.h2_verified, rel=2e-3)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("moving", [False, True])
 def test_disc_admits_less_than_the_box_and_keeps_it(moving, rng):
-    box = lpv.synthesize(turning(moving=moving), lpv.OutputFeedback())
-    found = lpv.synthesize(turning(moving=moving), lpv.OutputFeedback(hull=DISC))
+    box, found = (synthesized(h, moving=moving) for h in (None, DISC))
     assert found.verdict == "solved" and found.between_grid and found.region == "polytope"
     assert found.gamma_verified < 0.91 * box.gamma_verified
     assert found.gamma_verified <= 1.02 * found.infimum
@@ -109,7 +116,7 @@ def test_disc_admits_less_than_the_box_and_keeps_it(moving, rng):
 
 def test_storage_function_bounds_the_gain_inside():
     """The bounded-real inequality of the certificate's P at points between the vertices, by its Schur complement."""
-    found = lpv.synthesize(turning(), lpv.OutputFeedback(hull=DISC))
+    found = synthesized()
     p, gamma = found.certificate.matrix, found.certificate.gamma
     for point in _polar(36, 6):
         a, b, c, d = found.closed_loop.frozen(point)
@@ -119,29 +126,30 @@ def test_storage_function_bounds_the_gain_inside():
 
 
 def test_more_sides_come_closer():
-    gains = [lpv.synthesize(turning(), lpv.OutputFeedback(hull=lpv.Hull.disc(NAMES, sides=k))).infimum
-             for k in (4, 8, 32)]
+    gains = [synthesized(h).infimum for h in (SQUARE, lpv.Hull.disc(NAMES, sides=8), DISC)]
     assert gains[0] > gains[1] > gains[2]
-    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 20, endpoint=False)
     inner = lpv.Hull.of(NAMES, np.column_stack([np.cos(angle), np.sin(angle)]))  # inside the circle
     assert lpv.synthesize(turning(), lpv.OutputFeedback(hull=inner)).infimum <= gains[2] * (1 + 1e-3)
 
 
 def test_unit_and_order_of_the_variables_change_nothing():
     percent = lpv.Hull.disc(("s", "c"), radius=100.0, sides=16)
-    one = lpv.synthesize(turning(), lpv.OutputFeedback(hull=DISC))
+    one = synthesized()
     other = lpv.synthesize(turning(unit=100.0), lpv.OutputFeedback(hull=percent))
     assert other.infimum == pytest.approx(one.infimum, rel=1e-3)
     assert lpv.verify(other.certificate, other.closed_loop).holds
 
 
+@pytest.mark.seconds
 def test_discrete_time():
-    box, found = (lpv.synthesize(turning(0.05), lpv.OutputFeedback(hull=h)) for h in (None, DISC))
+    box, found = (synthesized(h, 0.05) for h in (None, DISC))
     assert found.verdict == "solved" and found.gamma_verified < 0.96 * box.gamma_verified
     assert lpv.verify(found.certificate, found.closed_loop).holds
     assert _largest_frozen(found.closed_loop, _polar(12, 3)) <= found.gamma_verified
 
 
+@pytest.mark.seconds
 def test_h2_beside_a_gain():
     """The mixed problem: the bound is kept, and the rms is above that of every held loop (Lyapunov equation)."""
     criteria = [lpv.HInfinity(bound=0.75), lpv.H2("w1", ("z1", "z2"))]
@@ -167,6 +175,7 @@ def measured(sample_time=None):
     return lpv.GeneralizedPlant(system, ["u1"], ["x1", "x2"])
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.05])
 @pytest.mark.parametrize("criterion", [lpv.HInfinity(), lpv.H2()])
 def test_state_feedback(sample_time, criterion):
@@ -177,9 +186,8 @@ def test_state_feedback(sample_time, criterion):
         assert lpv.verify(found.certificate, found.closed_loop).holds
         return found, found.gamma_verified if found.h2_verified is None else found.h2_verified
 
-    (box, _), (square, _), (disc, _) = [figure(h)[::-1] for h in (None, lpv.Hull.disc(NAMES, sides=4), DISC)]
+    (_, box), (_, square), (loop, disc) = [figure(h) for h in (None, SQUARE, DISC)]
     assert square == pytest.approx(box, rel=2e-3) and disc < 0.87 * box
-    loop = figure(DISC)[0]
     assert loop.controller.order == 0 and loop.controller.basis.degree == 1
     assert _largest_frozen(loop.closed_loop, _polar(12, 3)) <= loop.gamma_verified
 
@@ -200,7 +208,7 @@ def test_coupling_stays_off_its_limit():
 
 def test_result_names_its_set(tmp_path):
     """The controller knows the hull (extrapolation is counted against it), the design log looks at its vertices."""
-    found = lpv.synthesize(turning(), lpv.OutputFeedback(hull=DISC))
+    found = synthesized()
     again = lpv.Synthesis.from_dict(json.loads(json.dumps(found.to_dict())))
     assert again.region == "polytope" and lpv.verify(again.certificate, again.closed_loop).holds
     assert outside_share(again.controller, np.array([[1.0, 1.0], [0.5, 0.5]])) == 0.5

@@ -2,11 +2,12 @@
 
 import dataclasses
 import json
+from functools import cache
 
 import numpy as np
 import pytest
+from helpers.responses import held_steps
 from helpers.synthesis_plants import column, plant
-from scipy.linalg import expm
 
 import lpvid as lpv
 from lpvid.analysis.frozen_norms import h_infinity_norm
@@ -48,6 +49,18 @@ def measured(rate, sample_time=None):
     return lpv.GeneralizedPlant(system, ["u1"], ["x1", "x2"])
 
 
+def synthesized(design, sample_time=None, lyapunov=MOVING, **more):
+    """Over the triangle at rates of 0.5 1/s, designed once: tests look at the same few loops."""
+    return _synthesized(design, sample_time, lyapunov, tuple(more.items()))
+
+
+@cache
+def _synthesized(design, sample_time, lyapunov, more):
+    given = (measured if design is lpv.StateFeedback else turning)(0.5, sample_time)
+    points = {} if lyapunov is None else {"points": 4}
+    return lpv.synthesize(given, design(hull=HULL, lyapunov=lyapunov, **points, **dict(more)))
+
+
 def mixtures(rng, count):
     """Random means of the vertices, edges and corners among them."""
     shares = rng.dirichlet(np.full(3, 0.6), count)
@@ -64,7 +77,7 @@ def storage(certificate, points):
     return back.T @ value @ back
 
 
-def worst_of_mixtures(found, rng, count=300):
+def worst_of_mixtures(found, rng, count=150):
     """The largest eigenvalue of the bounded-real inequality, by differences of P along the motion; below zero: holds.
 
     In discrete time the steps are those of the rate bounds, to corners and within.
@@ -98,28 +111,27 @@ def reached(found, rate, rng, steps=600, held=0.02):
     loop = found.closed_loop
     held = loop.sample_time or held
     n, m = loop.order, len(loop.inputs)
-    p, heading = TRIANGLE.mean(axis=0), rng.choice([-1.0, 1.0], 2)
-    x, w, energy, output = np.zeros(n), rng.standard_normal(m), 0.0, 0.0
+    p, heading, path = TRIANGLE.mean(axis=0), rng.choice([-1.0, 1.0], 2), []
     for _ in range(steps):
-        a, b, c, d = loop.frozen(p)
-        if loop.is_discrete:
-            z, ahead = c @ x + d @ w, a @ x + b @ w
-            output += float(z @ z)
-        else:
-            whole, out = np.block([[a, b], [np.zeros((m, n + m))]]), np.hstack([c, d])
-            y = np.concatenate([x, w])
-            pair = expm(np.block([[-whole.T, out.T @ out], [np.zeros_like(whole), whole]]) * held)  # Van Loan 1978
-            step = pair[n + m:, n + m:]
-            output += float(y @ (step.T @ pair[: n + m, n + m:]) @ y)
-            ahead = (step @ y)[:n]
-        energy += (1.0 if loop.is_discrete else held) * float(w @ w)
-        x = ahead
-        w = b.T @ x / max(np.linalg.norm(x), 1e-9) + 0.3 * rng.standard_normal(m)
+        path.append(p)
         trial = p + heading * rate * held
         if not HULL.contains(trial[None])[0] or rng.random() < 0.01:
             heading = rng.choice([-1.0, 1.0], 2)
             trial = p + heading * rate * held
         p = trial if HULL.contains(trial[None])[0] else p
+    a, b, c, d = loop.at(np.array(path))
+    if loop.is_discrete:
+        out = np.concatenate([c, d], axis=2)
+        moves = np.concatenate([a, b], axis=2), out.swapaxes(1, 2) @ out
+    else:
+        moves = held_steps((a, b, c, d), held)
+    x, w, energy, output = np.zeros(n), rng.standard_normal(m), 0.0, 0.0
+    for step, square, of_w in zip(*moves, b, strict=True):
+        y = np.concatenate([x, w])
+        output += float(y @ square @ y)
+        energy += (1.0 if loop.is_discrete else held) * float(w @ w)
+        x = (step @ y)[:n]
+        w = of_w.T @ x / max(np.linalg.norm(x), 1e-9) + 0.3 * rng.standard_normal(m)
     return np.sqrt(output / energy)
 
 
@@ -138,39 +150,38 @@ def kept(found, rate, rng):
 @pytest.mark.parametrize("varying", ["controls", pytest.param("measurements", marks=pytest.mark.seconds)])
 @pytest.mark.parametrize("sample_time", [None, 0.05])
 def test_output_feedback_whose_matrix_moves(sample_time, varying, rng):
-    rate = 0.5
-    still = lpv.synthesize(turning(rate, sample_time), lpv.OutputFeedback(hull=HULL))
-    found = lpv.synthesize(turning(rate, sample_time), lpv.OutputFeedback(hull=HULL, lyapunov=MOVING, varying=varying,
-                                                                          points=4))
+    still = synthesized(lpv.OutputFeedback, sample_time, None)
+    found = synthesized(lpv.OutputFeedback, sample_time, varying=varying)
     assert found.gamma_verified < 0.95 * still.gamma_verified and "for scheduling that jumps" in found.notes[0]
-    assert found.certificate.kind == "parameter-dependent" and f"|d c/dt| <= {rate}" in found.certificate.claim
-    kept(found, rate, rng)
+    assert found.certificate.kind == "parameter-dependent" and "|d c/dt| <= 0.5" in found.certificate.claim
+    kept(found, 0.5, rng)
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.05])
 @pytest.mark.parametrize("design", [lpv.StateFeedback, lpv.Observer])
 def test_a_gain_whose_matrix_moves(design, sample_time, rng):
-    rate = 0.5
-    of = measured if design is lpv.StateFeedback else turning
-    still, found = (lpv.synthesize(of(rate, sample_time), design(hull=HULL, lyapunov=p)) for p in (None, MOVING))
+    still, found = (synthesized(design, sample_time, p) for p in (None, MOVING))
     assert found.gamma_verified <= still.gamma_verified * (1 + 1e-3)
-    kept(found, rate, rng)
+    kept(found, 0.5, rng)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("design", [lpv.StateFeedback, lpv.Observer])
 def test_a_bound_that_is_asked_for_leaves_room_for_the_fit(design):
     """A tenth above the least bound: the program that takes all of it has no room for a gain that is fitted."""
     plant = (measured if design is lpv.StateFeedback else turning)(0.5)
-    least = lpv.synthesize(plant, design(hull=HULL, lyapunov=MOVING, points=4)).infimum
+    least = synthesized(design).infimum
     found = lpv.synthesize(plant, design(lpv.HInfinity(bound=1.1 * least), hull=HULL, lyapunov=MOVING, points=4))
     assert found.verdict == "solved" and found.gamma_verified <= 1.1 * least
     assert lpv.verify(found.certificate, found.closed_loop).holds
 
 
+@pytest.mark.seconds
 def test_output_feedback_that_is_solved_keeps_the_bound_that_was_asked_for():
     """A tenth above the least bound: the formula of that bound is proven above it, one of half as much room below."""
     design = lpv.OutputFeedback(hull=HULL, lyapunov=MOVING, varying="controls", points=4)
-    least = lpv.synthesize(turning(0.5), design).infimum
+    least = synthesized(lpv.OutputFeedback, varying="controls").infimum
     found = lpv.synthesize(turning(0.5), dataclasses.replace(design, bound=1.1 * least))
     assert found.verdict == "solved" and found.gamma_verified <= 1.1 * least
     assert lpv.verify(found.certificate, found.closed_loop).holds
@@ -242,7 +253,7 @@ def test_three_variables(rng):
 
 
 def test_a_certificate_without_a_polytope_does_not_hold():
-    found = lpv.synthesize(turning(0.5, 0.05), lpv.OutputFeedback(hull=HULL, lyapunov=MOVING, varying="controls"))
+    found = synthesized(lpv.OutputFeedback, 0.05, varying="controls")
     held = found.certificate
     for vertices, why in ((np.zeros((0, 2)), "no vertices"), (TRIANGLE[:2], "no inside"),
                           (TRIANGLE[:, :1], "variables"), (np.full((3, 2), np.nan), "not finite"),
@@ -258,6 +269,7 @@ def test_a_certificate_without_a_polytope_does_not_hold():
     assert not lpv.verify(dataclasses.replace(held, box=faster), found.closed_loop).holds
 
 
+@pytest.mark.seconds
 def test_control_gain_that_moves():
     """A plant whose control gain moves has no affine loop, and with a matrix that moves it needs none."""
     system = turning(0.5).system

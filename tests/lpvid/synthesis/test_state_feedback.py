@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.responses import largest_gain
 from helpers.shaped_plants import plant_of, regulator, simulated_gain, spring_mass
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
@@ -14,8 +15,7 @@ from lpvid.synthesis.interconnection import close_loop
 
 def largest_response(a, b, c, d) -> float:
     """Largest singular value of the frequency response over a grid of frequencies."""
-    grid = 1j * np.r_[0.0, np.geomspace(1e-3, 1e3, 600)]
-    return max(float(np.linalg.norm(d + c @ np.linalg.solve(s * np.eye(len(a)) - a, b), 2)) for s in grid)
+    return largest_gain((a, b, c, d), 1j * np.r_[0.0, np.geomspace(1e-3, 1e3, 600)])
 
 
 def test_h2_state_feedback_of_a_still_plant_is_the_linear_quadratic_regulator():
