@@ -19,7 +19,8 @@ def private(name: str) -> bool:
 def private_uses(source: str) -> Iterator[str]:
     """Names of lpvid in a module's text that have an underscore in front, anywhere in their path."""
     own = {}  # what names in the module stand for
-    for node in ast.walk(ast.parse(source)):
+    nodes = list(ast.walk(ast.parse(source)))
+    for node in nodes:
         if isinstance(node, ast.Import):
             for alias in node.names:
                 if alias.name.split(".")[0] == "lpvid":
@@ -31,7 +32,7 @@ def private_uses(source: str) -> Iterator[str]:
                 own[alias.asname or alias.name] = name = f"{node.module}.{alias.name}"
                 if private(name):
                     yield name
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes:
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in own:
             name = f"{own[node.value.id]}.{node.attr}"
             if private(node.attr):

@@ -27,7 +27,7 @@ def statements(tree: ast.AST, typing: bool) -> Iterator[ast.Import | ast.ImportF
         elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and not typing:
             for branch in node.orelse:
                 yield from statements(branch, typing)
-        else:
+        elif not isinstance(node, ast.expr):  # expressions hold no statement: most nodes are theirs
             yield from statements(node, typing)
 
 
