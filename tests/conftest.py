@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import gc
 import os
@@ -72,8 +73,9 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
-LONG_PAGES = ("docs/dampers.md", "docs/fixed_structure.md", "docs/howto/current_lags.md", "docs/performance.md",
-              "docs/plants.md", "docs/ride.md", "docs/robustness.md", "docs/synthesis.md")
+LONG_PAGES = ("docs/dampers.md", "docs/diagnosis.md", "docs/fixed_structure.md", "docs/howto/current_lags.md",
+              "docs/howto/sample_rate.md", "docs/performance.md", "docs/plants.md", "docs/ride.md",
+              "docs/robustness.md", "docs/synthesis.md")
 """pages whose examples fit and design for seconds what the tests of the same rooms do too: marked ``seconds``"""
 
 
@@ -123,6 +125,11 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20260101)
 
 
+ONE_PIXEL = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTj2"
+                             "FAAAAABJRU5ErkJggg==")
+"""a PNG of one pixel"""
+
+
 @contextmanager
 def _undrawn() -> Iterator[None]:
     import lpvid.plot
@@ -134,14 +141,15 @@ def _undrawn() -> Iterator[None]:
         return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}pt" height="{height:g}pt"/>'.encode("ascii")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lpvid.plot, "svg", frame)
-        patch.setattr(lpvid.plot.export, "svg", frame)
+        for module in (lpvid.plot, lpvid.plot.export):
+            patch.setattr(module, "svg", frame)
+            patch.setattr(module, "png", lambda figure: ONE_PIXEL)
         yield
 
 
 @pytest.fixture(scope="module")
 def undrawn() -> Iterator[None]:
-    """Reports with their figures made but not drawn: half of what a command takes that writes one.
+    """Reports and pictures with their figures made but not drawn: half of what a command takes that writes them.
 
     For modules about the answers of commands. The look of reports is tested where they are drawn: `test_report*.py`.
     """

@@ -77,6 +77,7 @@ def test_version_and_help():
     assert all(name in shown for name in ("inspect", "identify", "validate", "stability", "Exit codes"))
 
 
+@pytest.mark.seconds
 def test_door_opens_quickly_and_lazily():
     """The help loads none of the heavy libraries, not even numpy."""
     probe = ("import sys; from lpvid.cli.app import app; import lpvid.cli.data; "

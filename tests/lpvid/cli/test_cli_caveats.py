@@ -161,9 +161,9 @@ def test_the_share_held_out_is_named_where_it_leaves_too_few_samples(folder, sha
     assert f"--hold-out {share} leaves {left} of 1200 samples" in shown and "gaps" not in shown
 
 
-def test_the_rate_is_named_where_it_leaves_too_few_samples(folder):
-    shown = run("identify", folder / "run.csv", *IO, "--sample-rate", 0.6, code=2).output
-    assert "--sample-rate 0.6 leaves 4 of 1200 samples, measured at 200 Hz" in shown and "choose a higher rate" in shown
+def test_the_rate_is_named_where_it_leaves_too_few_samples(tmp_path):
+    shown = run("identify", write(tmp_path / "short.csv", n=60), *IO, "--sample-rate", 12, code=2).output
+    assert "--sample-rate 12 leaves 4 of 60 samples, measured at 200 Hz" in shown and "choose a higher rate" in shown
 
 
 def test_records_that_are_short_by_themselves_are_no_fault_of_an_option(tmp_path):

@@ -35,6 +35,7 @@ def identified(tmp_path_factory) -> Path:
     return lpv.save(found.model, tmp_path_factory.mktemp("model") / "m.json")
 
 
+@pytest.mark.seconds
 def test_every_question_is_answered_in_the_result_and_the_report(identified, tmp_path):
     shown = run("stability", identified, "--largest-range", "--largest-rate", "--draws", 100, "--gain", "--out",
                 tmp_path).stdout

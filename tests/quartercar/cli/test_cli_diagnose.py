@@ -57,7 +57,7 @@ def road(seconds: float = 12.0, name: str = "test-3") -> Experiment:
 def files(tmp_path_factory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("rig")
     rig = bench("coulomb-friction", 0.5)
-    return tuple(write_csv(rig.run(road(8.0), 0, k), folder / f"run-{k}.csv") for k in (0, 1))  # type: ignore[return-value]
+    return tuple(write_csv(rig.run(road(5.0), 0, k), folder / f"run-{k}.csv") for k in (0, 1))  # type: ignore[return-value]
 
 
 def diagnosed(files: tuple[Path, Path], out: Path) -> tuple[Path, str]:

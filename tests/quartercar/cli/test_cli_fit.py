@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,13 @@ def files(tmp_path_factory) -> tuple[Path, Path]:
 def written(files, tmp_path_factory) -> tuple[Path, str]:
     out = tmp_path_factory.mktemp("fit") / "out"
     return out, run(files[0], "--held-out", files[1], "--models", "linear,guo,power-law", "--out", out).stdout
+
+
+@pytest.fixture(autouse=True)
+def drawn_once(written, without_drawing) -> Iterator[None]:
+    """What other tests write than `written` needs no pictures."""
+    with without_drawing():
+        yield
 
 
 def test_it_writes_the_comparison_the_models_the_figures_and_a_report(written):

@@ -106,6 +106,7 @@ def test_the_data_beside_it_are_read_as_its_training_data_were(folder, tmp_path)
         assert "column 'v' is read in mm/s" in printed
 
 
+@pytest.mark.seconds
 def test_a_diagnosis_starts_from_it_although_the_channel_has_another_name(folder, tmp_path):
     call("diagnose", folder / "run.csv", "--baseline", folder / "model.json", "--out", tmp_path, of=lpvid_app)
     described = json.loads((tmp_path / "diagnosis.json").read_text())
