@@ -39,7 +39,7 @@ SETTINGS = CharacteriseSettings(speeds=(0.1, 0.2))
 
 
 @pytest.mark.parametrize(("levels", "cycles"), [((0, 0.5, 1.0), 5.3), ((0, 1, 0.5, 0, 1, 0.5), 3.1),
-                                                (tuple(np.arange(0, 3.05, 0.1)), 4.0)])
+                                                (tuple(np.arange(0, 3.05, 0.3)), 4.0)])
 def test_every_held_level_has_its_forces(rng, levels, cycles):
     found = qc.characterise([driven(held(levels, cycles), "staircase", rng)], SETTINGS)
     assert found.data.levels == pytest.approx(sorted(set(map(float, levels))), abs=1e-3)

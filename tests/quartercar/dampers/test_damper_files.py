@@ -33,7 +33,7 @@ SAMPLED: dict[str, Damper] = {
 }
 
 
-def record(seed: int = 0, n: int = 1200, turn: float = 1.0) -> Record:
+def record(seed: int = 0, n: int = 800, turn: float = 1.0) -> Record:
     """An MR damper of the simplest kind: (300 + 200 i) tanh(v/0.05) + 800 v + 2000 x − 100, with noise."""
     rng = np.random.default_rng(seed)
     t = np.arange(n) / RATE

@@ -50,7 +50,7 @@ def drawings() -> dict[str, Callable[[Any], Any]]:
     runs: list[Any] = [SimpleNamespace(output=0.9 * r["force"][:, None], start=4) for r in records]
     shown = [lpv_plot.Comparison(r, "held-out", run, run, "force", "N") for r, run in zip(records, runs, strict=True)]
     car = QuarterCar(parameters=MEGANE, damper=identified_damper(), coil=Coil(highest=2.5))
-    bump = Bump(duration=2.0)
+    bump = Bump(duration=1.0)
     rides = compare_rides(car, (bump,), {"passive": Passive(), "skyhook": Skyhook()}, (0,))
     road = rides.roads[0]
     rode = [row.rides[0] for row in rides.on(road)]

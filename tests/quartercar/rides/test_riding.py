@@ -33,6 +33,7 @@ from quartercar.vehicle.result import CarRun
 IDEAL = RideSettings(ChainSettings(sensors=SETS["ideal"]), sample_time=0.002)
 COARSE = RideSettings(ChainSettings(sensors=SETS["ideal"]), sample_time=0.004)
 SHORT = IsoRoad("C", 20.0, 2.0)
+BRIEF = IsoRoad("C", 20.0, 0.5)
 HYSTERETIC = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0))
 COIL = Coil(0.005, 0.010, 0.0, 2.0)
 
@@ -126,7 +127,8 @@ def test_semi_active_control_beats_every_fixed_current():
 
 def test_what_is_not_measured_is_named():
     sensors = MeasurementSet("no-stroke", (BODY, Sensor("suspension_velocity"), Sensor("suspension_deflection")))
-    assert ride(car(), SHORT, Skyhook(), 0, RideSettings(ChainSettings(sensors=sensors))).run.n_samples > 0
+    settings = RideSettings(ChainSettings(sensors=sensors), sample_time=0.004)
+    assert ride(car(), BRIEF, Skyhook(), 0, settings).run.n_samples > 0
 
     class Curious(Skyhook):
         @property
@@ -145,10 +147,10 @@ def test_a_coil_without_limits_is_refused():
 @pytest.mark.parametrize("damper", [None, Linear(values={"damping": 1500.0})])
 def test_a_car_without_a_current_needs_no_coil(damper):
     """Its rides are those with a coil, whose command changes nothing, and no command stands at a limit."""
-    found, limited = (ride(QuarterCar(MEGANE, damper, coil=c), SHORT, Skyhook()) for c in (Coil(), COIL))
+    found, limited = (ride(QuarterCar(MEGANE, damper, coil=c), BRIEF, Skyhook(), 0, COARSE) for c in (Coil(), COIL))
     np.testing.assert_array_equal(found.run["body_acceleration"], limited.run["body_acceleration"])
     assert found.at_limits is None and limited.at_limits is None and "follows none" in repr(found)
-    assert ride(car(), SHORT, Skyhook()).at_limits is not None
+    assert ride(car(), BRIEF, Skyhook(), 0, COARSE).at_limits is not None
 
 
 def test_a_ride_too_short_for_figures_names_the_mend():
@@ -280,12 +282,12 @@ def test_roads_that_are_none(make, message: str):
 def comparison():
     laws = {"passive": Passive(values={"fixed_current": 0.5}), "skyhook": Skyhook(),
             "sh-add": SkyhookAccelerationDriven()}
-    return compare_rides(car(), [SHORT, Bump(duration=1.5)], laws, range(4), IDEAL)
+    return compare_rides(car(), [SHORT, Bump(duration=1.5)], laws, range(4), COARSE)
 
 
 def test_rows_are_the_rides(comparison):
     row = comparison.row("skyhook", SHORT.name)
-    alone = drive(car(), SHORT, [Skyhook()] * 4, range(4), IDEAL)
+    alone = drive(car(), SHORT, [Skyhook()] * 4, range(4), COARSE)
     np.testing.assert_array_equal(row.values("comfort"), [r.figures.comfort for r in alone])
     assert comparison.reference == "sh-add" and comparison.names == ("passive", "skyhook", "sh-add")
     assert row.rides[0].run.n_samples > 100 > row.rides[1].run.n_samples

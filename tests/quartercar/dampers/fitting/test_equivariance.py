@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -55,9 +56,13 @@ def fitted(name: str, training: Record):
     return fit(DAMPERS.get(name).suited(Facts.of([training])), training, settings=QUICK)  # type: ignore[attr-defined]
 
 
+@cache
+def fitted_as_measured(name: str):
+    return fitted(name, measured())
+
+
 def assert_similar(name: str, how: str, tolerance: float) -> None:
-    base = measured()
-    one = fitted(name, base)
+    base, one = measured(), fitted_as_measured(name)
     force, length, time = SIMILAR[how]
     other = fitted(name, resized(base, force, length, time))
     assert one.training.esr is not None
@@ -71,12 +76,14 @@ def assert_similar(name: str, how: str, tolerance: float) -> None:
             assert got == pytest.approx(wanted, rel=tolerance, abs=1e-6 * sizes.factor(p.unit)), p.name
 
 
+@pytest.mark.thinned(5, "seconds")
 @pytest.mark.parametrize("how", SIMILAR)
 @pytest.mark.parametrize("name", STATIC)
 def test_a_law_without_memory_in_another_size(name: str, how: str) -> None:
     assert_similar(name, how, 1e-5)
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("how", ["weak", "short", "quick", "slow"])
 @pytest.mark.parametrize("name", ["bouc-wen", "force-map"])
 def test_a_law_with_memory_in_another_size(name: str, how: str) -> None:
