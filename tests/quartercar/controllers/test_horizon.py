@@ -1,4 +1,7 @@
-"""The prediction over a horizon against the ride, its gradient and its minimum against other ways to them."""
+"""The prediction over a horizon against the ride, its gradient and its minimum against other ways to them.
+
+The kernels take 20 s to compile: what runs them is marked ``seconds``.
+"""
 
 from __future__ import annotations
 
@@ -86,6 +89,7 @@ def uneven(rng: np.random.Generator, size: float = 1e-3) -> np.ndarray:
     return road - road[0]
 
 
+@pytest.mark.seconds
 def test_the_prediction_is_the_ride(rng):
     """Memory, lag and limits of the identified damper included: the same as the car whose adjoint the bound has."""
     model, road, command = horizon(), uneven(rng), rng.uniform(-0.5, 3.0, N)
@@ -98,6 +102,7 @@ def test_the_prediction_is_the_ride(rng):
     np.testing.assert_allclose(found.outs[5][:, 1], run.tyre_force[1:], atol=1e-4 * np.abs(run.tyre_force).max())
 
 
+@pytest.mark.seconds
 def test_the_prediction_of_a_law_without_memory_is_the_ride_to_the_order_of_the_step(rng):
     model, road, command = horizon("guo"), uneven(rng), rng.uniform(0, 2.0, N)
     car = QuarterCar(MEGANE, GUO, coil=Coil(0.005, 0.01, highest=2.0), lift_off=False)
@@ -108,6 +113,7 @@ def test_the_prediction_of_a_law_without_memory_is_the_ride_to_the_order_of_the_
     assert np.abs(found.outs[0][:, 1] - found.outs[0][:, 3] - speed).max() < 0.08 * np.abs(speed).max()
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", list(CASES))
 def test_the_gradient_is_that_of_the_cost(name: str, rng):
     model, road = horizon(name), uneven(rng, 3e-4)
@@ -244,6 +250,7 @@ def test_and_a_solver_of_quadratic_programs_finds_the_same(rng):
     np.testing.assert_allclose(plan, solver.solve(raise_error=True).x, atol=0.02)
 
 
+@pytest.mark.seconds
 def test_more_iterations_are_never_worse_and_few_are_nearly_enough(rng):
     found = Prediction(horizon(), uneven(rng))
     costs = [found.best(rounds)[1] for rounds in (1, 4, 16, 64, 256)]
@@ -255,6 +262,7 @@ def test_more_iterations_are_never_worse_and_few_are_nearly_enough(rng):
     assert np.abs(gradient[inside]).max(initial=0.0) < 0.05 * np.abs(found.gradient(np.zeros(N))[0]).max()
 
 
+@pytest.mark.seconds
 def test_a_stiff_start_is_left_for_the_lowest_current(rng):
     """A damper at its highest current hardly moves: from such a plan a ride on a bump went on for two seconds."""
     found = Prediction(horizon(), uneven(rng, 2e-4))
@@ -297,6 +305,7 @@ def test_what_has_no_horizon(changes, message: str):
         Horizon.of(MEGANE, given["damper"], given["coil"], 1 / RATE, N)
 
 
+@pytest.mark.seconds
 def test_the_damper_remembers_the_newest_samples_first() -> None:
     rng, table = np.random.default_rng(0), np.zeros((2, 8 + 2 + 9))
     table[:, 7] = 1.0

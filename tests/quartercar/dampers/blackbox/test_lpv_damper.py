@@ -56,7 +56,8 @@ def esr(damper, record: Record) -> float:
     return float(np.sum(error**2) / np.sum((force[run.start:] - force[run.start:].mean()) ** 2))
 
 
-@pytest.mark.parametrize("shape", ["tanh", pytest.param("three-zone", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("shape", [pytest.param("tanh", marks=pytest.mark.seconds),
+                                   pytest.param("three-zone", marks=pytest.mark.slow)])
 def test_a_known_shape_and_filter(shape: str) -> None:
     found = LpvArx(shape=shape, order=1).estimate([data(0, shape, noise=0.01)], FitSettings())
     damper = found.damper

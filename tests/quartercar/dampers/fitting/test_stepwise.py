@@ -132,6 +132,7 @@ def test_a_force_map_is_recovered_exactly_where_there_is_no_noise() -> None:
     assert found.damper.current_range == (0.1, 0.5)
 
 
+@pytest.mark.seconds
 def test_an_extended_bouc_wen_device_in_steps_then_all_together() -> None:
     device, noise = bouc_wen_device(), 3.0
     records = plan(device, noise)

@@ -47,6 +47,7 @@ def test_each_edge_and_direction_has_its_own_delay_and_time_constant(direction: 
     assert np.abs(found - (expected if edge == "rise" else 1 - expected)).max() < 1e-12
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("sharing", ["shared", "edges", "full"])
 def test_its_derivatives_are_those_of_complex_steps(sharing: str) -> None:
     """Carried along one run; through kinks of the command within a sub-step, and where it rests."""

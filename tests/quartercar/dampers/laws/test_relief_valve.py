@@ -129,6 +129,7 @@ def test_moving_volumes_stiffen_towards_the_ends_and_must_hold_the_stroke() -> N
         ReliefValve(chamber_lengths=(0.05,))  # type: ignore[arg-type]
 
 
+@pytest.mark.seconds
 @KINDS
 @pytest.mark.parametrize("measured", [None, -900.0])
 def test_sensitivities_of_what_acts_beside_the_oil(kind: type[LagDamper], measured: float | None, monkeypatch) -> None:
