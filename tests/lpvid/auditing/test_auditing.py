@@ -131,7 +131,7 @@ def test_a_jittered_record_of_reversed_polarity_is_marked() -> None:
 
 
 def test_oversampled_is_mended_by_a_rate_as_low_as_it_asks_for() -> None:
-    fast = clean(period=1 / 3000, n=30000)
+    fast = clean(period=1 / 3000, n=15000)
     plain, = audit(fast).of("oversampled")
     wanted = float(plain.mend.removeprefix("--sample-rate "))
     for rate, is_mended in ((wanted, True), (0.8 * wanted, True), (2 * wanted, False)):

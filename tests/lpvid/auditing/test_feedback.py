@@ -68,6 +68,7 @@ OPEN = {
 }
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("how", OPEN.values(), ids=OPEN.keys())
 def test_no_feedback_no_alarm(how):
     """Two hundred draws each, of which twice α = 1 % may alarm: the bound is Hoeffding's, and leaves room."""
@@ -159,6 +160,7 @@ def static_gain(records: Record, structure: Structure) -> float:
     return float((simulate(model, step, "zero").output - simulate(model, still, "zero").output)[-1, 0])
 
 
+@pytest.mark.seconds
 def test_what_to_run_is_less_biased():
     """The plant's static gain is 0.4/(1 − 0.8) = 2, in a loop of gain 1; the mean of six draws."""
     common = {"input": ("u",), "output": "y", "na": 1, "nb": 1, "nk": 1}

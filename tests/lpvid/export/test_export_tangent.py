@@ -32,9 +32,9 @@ def continuous(basis, rng, **more):
                              inputs=("velocity",), **more)
 
 
-@pytest.mark.thinned(2)
 @needs_compiler
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.seconds),
+                                     pytest.param(3, marks=pytest.mark.slow)])
 def test_directional_derivatives_are_the_matrices_of_the_model(version, tmp_path, rng):
     """∂ẋ/∂x = A(ρ), ∂ẋ/∂u = B(ρ), ∂y/∂x = C(ρ), ∂y/∂u = D(ρ), through FMPy."""
     fmpy = pytest.importorskip("fmpy", reason="the extra 'fmu' is not installed")
@@ -68,7 +68,7 @@ def test_directional_derivatives_are_the_matrices_of_the_model(version, tmp_path
     fmu.freeInstance()
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4, "seconds")
 @needs_compiler
 @pytest.mark.parametrize("name", BASES)
 def test_derivatives_with_respect_to_the_scheduling_agree_with_differences(name, rng):

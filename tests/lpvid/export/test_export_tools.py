@@ -54,6 +54,7 @@ def test_an_fmu_is_valid_and_agrees(case, version, fmpy, rng):
     assert made.passed and "valid; " in made.checks[0]
 
 
+@pytest.mark.thinned(2, "seconds")
 @needs_compiler
 @pytest.mark.parametrize("of", [state_space, continuous])
 def test_a_library_of_fmi_3_has_every_function_of_the_standard(of, fmpy, tmp_path, rng):
@@ -88,6 +89,7 @@ def test_an_fmu_has_units_starts_and_sources_that_compile(version, fmpy, tmp_pat
     compile_c(sorted((tmp_path / "sources").glob("*.c")), tmp_path / "again.so", ("-shared", "-fPIC"))
 
 
+@pytest.mark.thinned(2, "seconds")
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_parameters_can_be_set_and_a_step_must_fit_the_period(version, fmpy, tmp_path, rng):
@@ -107,6 +109,7 @@ def test_parameters_can_be_set_and_a_step_must_fit_the_period(version, fmpy, tmp
         last(step_size=1.5 * t, output_interval=1.5 * t)
 
 
+@pytest.mark.thinned(2, "seconds")
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_channel_whose_name_is_no_identifier_keeps_it_in_a_valid_fmu(version, fmpy, tmp_path, rng):

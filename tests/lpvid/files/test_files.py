@@ -77,7 +77,7 @@ UNITS = ("mm", "kN", "degC", "rad/s", "lbf*s/in", None)
 VALUES = st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.just(float("nan")))
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), names=NAMES, n=st.integers(2, 12))
 def test_every_format_gives_the_same_record(tmp_path, data, names, n):
     chosen = [data.draw(st.sampled_from(UNITS)) for _ in names]

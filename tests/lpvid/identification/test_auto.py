@@ -145,6 +145,7 @@ def test_what_comes_before_the_search_counts_where_it_belongs_to_the_budget() ->
     assert search.late() and search.unfinished(search.first) == 1
 
 
+@pytest.mark.seconds
 def test_further_structures_are_built_on_one_that_could_be_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """Least in cross-validation, but worse than the mean from measured samples: the whole search's end counts."""
     record = lightly_damped(15)

@@ -220,6 +220,7 @@ def test_poles_of_a_fold_refuse_nothing_but_those_of_all_data_do(monkeypatch):
         assert asked == [600]
 
 
+@pytest.mark.seconds
 def test_the_better_family_is_taken_where_the_folds_cannot_tell(shared_data: Path):
     """A third of a measured damper's record: the ARX leads in the folds, quasi-LPV of fewer parameters on all of it.
 

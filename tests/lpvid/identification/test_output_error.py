@@ -191,6 +191,7 @@ def test_magnetorheological_damper_with_a_scheduling_filter(shared_data):
     assert found.held_out.overall.free_run.esr <= 0.03
 
 
+@pytest.mark.seconds
 def test_the_covariance_of_a_vague_estimate_has_no_negative_variance(rng):
     """Two outputs of a first-order system fitted with two poles too many, in coloured noise: condition above 1e8."""
     n = 1500

@@ -111,6 +111,7 @@ def test_output_error_and_held_out_data_go_with_it():
     assert found.model.sample_time == STEP
 
 
+@pytest.mark.seconds
 def test_standard_errors_allow_for_the_colour_of_the_error():
     """F = 500 v + slow error: white standard errors are (1 + .9²)/(1 − .9²) = 9.5 times too small in variance."""
     found = []

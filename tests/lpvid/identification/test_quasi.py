@@ -132,12 +132,13 @@ def test_a_run_that_diverges_in_an_early_part_ends_there(rng: np.random.Generato
     assert not parts[-1][0].any() and not parts[-1][1].any()
 
 
+@pytest.mark.seconds
 def test_memory_of_a_fit_does_not_grow_with_its_jacobian(rng: np.random.Generator) -> None:
     """n·k numbers, Jacobian or regressors of all samples, are never in memory; standard errors held them twice."""
     import tracemalloc
 
     model = random_model(rng, na=2, on="output", own="hats", external=True, size=0.15)
-    record = driven(rng, 200_000)
+    record = driven(rng, 80_000)
     prior = Prior(np.eye(model.vector.size), model.vector)
     problem = QuasiProblem.of([record], model, False)
     start = minimise(QuasiProblem.of([driven(rng, 40)], model, False), prior, model.vector,

@@ -74,7 +74,7 @@ def test_criterion_is_the_restricted_likelihood_of_the_dense_gaussian_model(rng)
                                             ("variation", Polynomial("p", degree=7))])
 def test_beats_least_squares_on_short_noisy_records_with_a_rich_basis(penalty, basis):
     errors = []
-    for seed in range(20):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
         short, long = system(rng, 120, 0.5), system(rng, 2000, 0.5)
         tested = []
@@ -84,7 +84,7 @@ def test_beats_least_squares_on_short_noisy_records_with_a_rich_basis(penalty, b
         errors.append(tested)
     plain, ridged = np.array(errors).T
     assert ridged.mean() < 0.8 * plain.mean()
-    assert np.sum(ridged < plain) >= 18
+    assert np.sum(ridged < plain) >= 9
 
 
 def test_penalties_of_other_bases():

@@ -84,6 +84,7 @@ addEventListener('load', async () => {
 """
 
 
+@pytest.mark.thinned(2, "seconds")
 @needs_browser
 @pytest.mark.parametrize("last", [False, True])
 def test_the_name_of_a_channel_is_whole_beside_a_low_panel(last, tmp_path):
@@ -105,6 +106,7 @@ addEventListener('load', () => {
 """
 
 
+@pytest.mark.seconds
 @needs_browser
 def test_the_columns_of_the_contents_begin_at_one_height(tmp_path):
     sections = tuple(Section(f"Section {k}", (Paragraph("Text."),)) for k in range(7))
@@ -122,6 +124,7 @@ addEventListener('load', () => {
 """
 
 
+@pytest.mark.seconds
 @needs_browser
 def test_tables_fit_a_sheet_of_paper(tmp_path):
     """On paper nothing scrolls: a table of long texts and of many numbers is as wide as the sheet, at most."""
@@ -144,6 +147,7 @@ addEventListener('load', () => {
 """
 
 
+@pytest.mark.seconds
 @needs_browser
 def test_a_narrow_figure_is_whole_on_a_phone_and_a_wide_one_scrolls(tmp_path):
     """A figure of up to 7.5 inches fits the width of the screen; letters of a wider one would be too small to read."""

@@ -67,6 +67,12 @@ def pages(found) -> dict[str, Page]:
             "stability": stability_page(study_stability(found.model), "model.json")}
 
 
+@pytest.fixture(scope="module")
+def rendered(pages) -> dict[str, str]:
+    """The pages as HTML: their drawings cost more than all that is looked for in them."""
+    return {name: render(page) for name, page in pages.items()}
+
+
 COMMANDS = ("inspect", "identify", "validate", "stability")
 
 
@@ -80,8 +86,8 @@ def outside_references(html: str) -> list[str]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_self_contained(pages, command):
-    html = render(pages[command])
+def test_self_contained(rendered, command):
+    html = rendered[command]
     assert outside_references(html) == []
     assert "<link" not in html and not re.search(r"<script[^>]*src", html)
     drawings = re.findall(r'src="data:image/svg\+xml;charset=utf-8,([^"]+)"', html)
@@ -115,8 +121,8 @@ def test_same_page_same_bytes(pages):
     assert render(again) == render(twice)
 
 
-def test_verdict_comes_first_and_numbers_agree(pages, found):
-    html = render(pages["identify"])
+def test_verdict_comes_first_and_numbers_agree(pages, rendered, found):
+    html = rendered["identify"]
     esr = found.held_out.overall.free_run.esr
     assert html.index('class="verdict') < html.index("<h2>")
     assert f"ESR {esr:.4g}" in pages["identify"].verdict and "held-out" in pages["identify"].verdict
@@ -127,8 +133,8 @@ def test_verdict_comes_first_and_numbers_agree(pages, found):
         assert f"<td>{name}</td><td class=\"n\">{number(value, 6)}</td>" in html
 
 
-def test_stability_page_warns_in_words(pages):
-    html = render(pages["stability"])
+def test_stability_page_warns_in_words(rendered):
+    html = rendered["stability"]
     assert "does not cover a moving scheduling variable" in html and "Critical values" in html
 
 
@@ -352,10 +358,10 @@ window.addEventListener('load', () => {
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
 @pytest.mark.slow
-def test_a_browser_shows_them(pages, tmp_path):
+def test_a_browser_shows_them(rendered, tmp_path):
     """Four reports in one browser run each: figures loaded, headings there, nothing fetched, no script error."""
     for command in COMMANDS:
-        html = render(pages[command])
+        html = rendered[command]
         seen = opened(html, PROBE, tmp_path / command)
         assert "error" not in seen
         assert int(seen["images"]) == html.count("<img ") >= 1

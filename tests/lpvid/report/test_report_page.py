@@ -277,9 +277,10 @@ def test_a_long_record_is_written_quickly():
     assert time.process_time() - start < 5.0
 
 
+@pytest.mark.seconds
 @needs_browser
 @pytest.mark.skipif(axe_source() is None, reason="no axe-core here")
-@pytest.mark.parametrize("width", [pytest.param(1200, marks=pytest.mark.seconds), 500])
+@pytest.mark.parametrize("width", [1200, 500])
 def test_no_grave_findings_of_accessibility(width, tmp_path):
     wide = PageTable(tuple(f"column {k}" for k in range(30)), (tuple(f"a value {k}" for k in range(30)),), "Wide.",
                  folded="All")
