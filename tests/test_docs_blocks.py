@@ -84,6 +84,7 @@ def marked() -> list[Any]:
             for page, code in python_blocks()]
 
 
+@pytest.mark.thinned(4, "seconds")
 @pytest.mark.parametrize("page, code", marked())
 def test_a_block_of_python_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = {"__name__": "page", **SCENES[page](tmp_path)}

@@ -35,6 +35,7 @@ def test_a_sweep_of_eleven_rates(benchmark, model):
     print(f"\nfirst call {found[0].seconds:.3f} s, later calls at most {max(g.seconds for g in found[1:]):.3f} s")
 
 
+@pytest.mark.seconds
 def test_a_single_gain(benchmark, model):
     found = benchmark(l2_gain, model, 1.0, QUADRATIC, trajectories=False)
     assert found.lower <= found.upper

@@ -80,6 +80,7 @@ def hand_loop(a, b, u, p, centre, half, y):
 STRUCTURE = ARX(na=4, nb=4, input="u", output="y", basis=Polynomial("p", degree=2))
 
 
+@pytest.mark.seconds
 def test_identification_against_the_limit(benchmark, record: Record) -> None:
     with threadpool_limits(1, user_api="blas"):
         ours = best_of(lambda: STRUCTURE.estimate([record]))

@@ -98,6 +98,7 @@ def test_a_field_that_older_files_lack_has_its_default():
 PLAIN = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
 
 
+@pytest.mark.seconds
 @given(st.recursive(PLAIN, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=20))
 def test_plain_data_stay_as_they_are(value):
     assert encode(value) == value

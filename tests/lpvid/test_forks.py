@@ -49,6 +49,7 @@ def test_results_stand_in_their_order_and_come_from_so_many_processes(forking: i
     os.close(write)
 
 
+@pytest.mark.thinned(3, "seconds")
 def test_time_in_forks_counts(forking: int) -> None:
     """Oracle: every item measures its own, wherever it is worked on; children are counted by clock ticks."""
     begun = processor_time()
@@ -84,6 +85,7 @@ def test_what_a_fork_that_died_had_is_computed_here(forking: int) -> None:
     assert in_forks(work, range(6)) == list(range(6))
 
 
+@pytest.mark.thinned(3, "seconds")
 def test_the_first_error_is_raised_and_no_process_is_left(forking: int) -> None:
     def fails(item: int) -> int:
         if item > 2:

@@ -27,6 +27,7 @@ print(before - resident(), sum(float(k.sum()) for k in kept))
 """
 
 
+@pytest.mark.seconds
 @pytest.mark.skipif(not Path("/proc/self/statm").exists() or _memory._trim() is None, reason="another C library")
 def test_gaps_between_arrays_that_are_kept_go_back() -> None:
     found = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True).stdout.split()

@@ -52,6 +52,7 @@ NOUNS = ("record", "audit", "identification", "model", "fixed", "state space", "
 DRAWN = ("record", "identification", "model", "fixed", "state space")
 
 
+@pytest.mark.thinned(8, "seconds")
 @pytest.mark.parametrize("name", NOUNS)
 def test_a_noun_has_a_card_that_is_small_and_escaped(name: str, nouns: dict[str, Any]) -> None:
     assert set(nouns) == set(NOUNS)
@@ -64,6 +65,7 @@ def test_a_noun_has_a_card_that_is_small_and_escaped(name: str, nouns: dict[str,
     assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)
 
 
+@pytest.mark.thinned(5, "seconds")
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_noun_is_drawn_on_new_axes_or_on_given_ones(name: str, nouns: dict[str, Any]) -> None:
     made = nouns[name].plot()
@@ -136,6 +138,7 @@ def test_a_law_goes_to_python_control() -> None:
         LpvHinf().to_control()
 
 
+@pytest.mark.seconds
 def test_a_synthesis_goes_to_python_control_and_has_a_card() -> None:
     a, b = np.array([[[-2.0]], [[-1.0]]]), np.ones((2, 1, 1))
     k = lpv.LPVStateSpace(a, b, b, 0 * b, lpv.Polynomial("rho", degree=1), None)

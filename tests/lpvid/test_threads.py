@@ -42,6 +42,7 @@ class Counted:
         return item
 
 
+@pytest.mark.seconds
 def test_a_share_of_the_processors_is_kept_and_nothing_else_is_one() -> None:
     """In processes of their own: pytest's has a share already."""
     def stated(share: str) -> str:

@@ -27,6 +27,7 @@ def test_an_exact_clock_is_uniform(period: float) -> None:
     assert base.jitter_rms < 1e-6
 
 
+@pytest.mark.seconds
 @settings(deadline=None)
 @given(period=st.floats(1e-3, 10.0), decimals=st.integers(3, 9), start=st.floats(0.0, 100.0))
 def test_rounded_print_of_a_uniform_clock_is_uniform(period: float, decimals: int, start: float) -> None:
@@ -103,6 +104,7 @@ def test_small_jitter_is_within_the_limit() -> None:
     assert 0 < base.jitter_rms < 0.01
 
 
+@pytest.mark.seconds
 @settings(deadline=None)
 @given(
     n=st.integers(20, 400),
@@ -184,6 +186,7 @@ def test_a_million_stamps_take_no_time() -> None:
     assert wall.perf_counter() - began < 2.0
 
 
+@pytest.mark.seconds
 @given(shift=st.floats(-1e4, 1e4), scale=st.floats(1e-3, 1e3))
 def test_shift_and_unit_of_time_change_no_verdict(shift: float, scale: float) -> None:
     steps = np.array([1.0] * 10 + [3.0] + [1.0] * 10)

@@ -180,6 +180,7 @@ def test_a_record_that_was_written_with_fewer_digits_is_known_by_its_beginning(r
     assert label_of(np.concatenate([run_up, known]), other) == "partly training"
 
 
+@pytest.mark.seconds
 def test_training_records_of_two_rates_are_both_known_again(whole) -> None:
     slow = lpv.Record({n: whole[n][::2] for n in ("u", "y")}, 0.02, name="slow", units={"u": "V", "y": "N"})
     for records in ([whole, slow], [slow, whole]):

@@ -119,6 +119,7 @@ def test_kinds():
         convert(1.0, "foo", "m")
 
 
+@pytest.mark.seconds
 @given(st.floats(-1e9, 1e9), st.sampled_from(sorted(units._SCALES)))
 def test_there_and_back(value, text):
     there = convert(value, text, units._SCALES[text].unit)

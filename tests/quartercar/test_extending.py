@@ -75,6 +75,7 @@ def program_error(noun) -> float:
     return float(np.abs(run_program(noun.program, u) - y).max() / np.abs(y).max())
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("installed", [False, True], indirect=True, ids=["named", "named and registered"])
 def test_an_installed_package_is_found_by_its_names(installed):
     """Its module may be the page's blocks as they stand, with their decorators."""
@@ -86,6 +87,7 @@ def test_an_installed_package_is_found_by_its_names(installed):
             known.register(other)
 
 
+@pytest.mark.seconds
 def test_a_damper_of_an_installed_package_through_the_chain(installed, tmp_path):
     data = record(np.random.default_rng(1))
     found = qc.dampers.compare([data], ["orifice", "linear"]).best.damper
@@ -214,6 +216,7 @@ class Dahl(DynamicDamper):
         raise InputError("no LPV form of 'dahl'")
 
 
+@pytest.mark.seconds
 def test_a_registered_dynamic_damper_is_stepped_from_its_rates(tmp_path):
     qc.dampers.register(Dahl)
     try:

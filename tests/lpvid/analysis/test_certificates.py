@@ -143,6 +143,7 @@ def test_poly_quadratic_where_one_matrix_is_not_enough(rng):
         assert np.abs(np.linalg.eigvals(product)).max() ** (1 / 6) <= found.decay + 1e-9
 
 
+@pytest.mark.seconds
 @settings(max_examples=60, deadline=None)
 @given(st.integers(1, 5), st.floats(0.0, 1.4), st.integers(0, 2**31))
 def test_time_invariant_model_is_certified_exactly_when_its_spectral_radius_is_below_one(n, radius, seed):
@@ -273,6 +274,7 @@ def test_quarter_car_with_damping_that_moves_arbitrarily():
     assert not verify(energy, model).holds
 
 
+@pytest.mark.seconds
 def test_splines_products_and_delayed_readings():
     box = Scheduling(("p", "q"), (0.0, -1.0), (1.0, 1.0))
     spline = Spline("p", segments=3, order=2).bound(box)
@@ -293,6 +295,7 @@ def test_splines_products_and_delayed_readings():
     assert certify_stability(growing.replace(a=growing.a / 2)).verified  # then |a_1| <= 0.9
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize(("height", "stable"), [(1e-9, False), (-1e-9, True)])
 def test_a_peak_between_grid_points_decides(height, stable):
     # A = 1 + height − 50 (p − c)²: above 1 only within 4.5e-6 of c, where no grid of the search has a point
@@ -306,6 +309,7 @@ def test_a_peak_between_grid_points_decides(height, stable):
     assert found.between_grid is stable
 
 
+@pytest.mark.seconds
 def test_without_budget_the_claim_is_on_the_grid_only():
     model = alternating(0.9)
     found = certify_stability(model, rate=0.1)
@@ -329,6 +333,7 @@ def test_model_without_memory():
 
 
 # -- kept, handed on, tampered with -----------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_round_trip_through_json_is_verified_by_numpy_alone():
     model = alternating(0.6)
     found = certify_stability(model, rate=0.5)
@@ -342,6 +347,7 @@ def test_round_trip_through_json_is_verified_by_numpy_alone():
     assert StabilityCertificate.from_dict(json.loads(json.dumps(lost.to_dict()))).to_dict() == lost.to_dict()
 
 
+@pytest.mark.seconds
 def test_tampering_and_other_models_fail():
     model = alternating(0.6)
     found = certify_stability(model, rate=0.5)
@@ -387,6 +393,7 @@ def test_bad_requests_are_refused(arguments):
         certify_stability(alternating(0.5), **arguments)
 
 
+@pytest.mark.seconds
 def test_verification_runs_without_a_solver(tmp_path):
     model = alternating(0.6)
     (tmp_path / "c.json").write_text(json.dumps(certify_stability(model, rate=0.5).to_dict()), encoding="utf-8")

@@ -134,6 +134,7 @@ def test_a_basis_that_is_no_polynomial_is_searched_on_a_grid_and_says_so():
     assert not result.exact and "grid" in result.notes[0]
 
 
+@pytest.mark.seconds
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_affine_models_of_four_states_agree_with_bisection(seed):
@@ -163,6 +164,7 @@ def test_eighth_order_of_fourth_degree(rng):
                                                                                 abs=1e-6)
 
 
+@pytest.mark.seconds
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), factor=st.sampled_from([1e3, 1e-3, 0.0254, -2.0]))
 def test_rescaling_the_unit_rescales_the_critical_values(seed, factor):
@@ -246,6 +248,7 @@ def test_multiple_and_defective_poles_cross_where_the_single_ones_do():
         assert [c.value for c in result.values] == pytest.approx([-15, 5], abs=1e-4)
 
 
+@pytest.mark.seconds
 def test_splines_are_exact_piece_by_piece(rng):
     box = Scheduling(("p",), (0.0,), (3.0,))
     basis = Spline("p", segments=3, order=3).bound(box)

@@ -47,6 +47,7 @@ def test_degenerate_systems():
     assert h_infinity_norm(silent)[0] == 0.0
 
 
+@pytest.mark.seconds
 def test_the_worst_held_value_lies_between_grid_points_too(rng):
     """Square systems: python-control's own norm (0.10.2, without slycot) is wrong for others."""
     model = random_stable(rng, 3, 1, discrete=False)

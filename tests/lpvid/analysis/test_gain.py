@@ -37,12 +37,14 @@ def test_the_reference_case_with_bounded_rates(rate, gain):
     assert lpv.verify(found.certificate, vanishing()).holds
 
 
+@pytest.mark.seconds
 def test_a_degree_that_is_of_no_use_does_not_end_the_search():
     """At this rate P of degree 2 is no better than of degree 1 (it is 1.0); the third brings what the reference has."""
     found = l2_gain(vanishing(), rate=4.0, trajectories=False)
     assert found.between_grid and REFERENCE[4.0] * (1 - 1e-4) < found.upper < 1.004 * REFERENCE[4.0]
 
 
+@pytest.mark.seconds
 def test_the_reference_case_at_any_speed():
     found = l2_gain(vanishing())
     assert found.upper == pytest.approx(1.0, abs=1e-4) and found.certificate.kind == "quadratic"
@@ -141,6 +143,7 @@ def test_changing_units_changes_the_gain_by_their_ratio(rng):
     assert small == pytest.approx(1e-3 * plain, rel=1e-3)
 
 
+@pytest.mark.seconds
 def test_badly_scaled_states_change_nothing(rng):
     model = random_stable(rng, 4, 1, discrete=False)
     t = np.diag([1e-4, 1.0, 1e3, 1e5])
@@ -149,6 +152,7 @@ def test_badly_scaled_states_change_nothing(rng):
     assert stretched.between_grid and stretched.upper == pytest.approx(plain.upper, rel=2e-3)
 
 
+@pytest.mark.seconds
 def test_a_spline_may_carry_the_storage_function():
     basis = Spline("d", segments=4, order=3)
     found = l2_gain(vanishing(), rate=1.0, basis=basis, trajectories=False)
@@ -163,6 +167,7 @@ def test_an_unstable_model_has_no_gain():
     assert "does not decay" in str(found) and found.to_dict()["upper"] is None
 
 
+@pytest.mark.seconds
 def test_frozen_stability_is_not_enough():
     up, down = np.array([[0, 1.8], [0, 0]]), np.array([[0, 0], [1.8, 0]])  # alternating: 1.8-fold every sample
     pair = lpv.LPVStateSpace([0.5 * (up + down), 0.5 * (down - up)], np.ones((2, 2, 1)) * [[[1]], [[0]]],
@@ -189,6 +194,7 @@ def test_rates_and_bases_that_do_not_fit_are_refused():
         l2_gain(lpv.LPVTransferFunction.siso([[-0.5]], [[0.0], [1.0]], Polynomial((), 0), 0.1))
 
 
+@pytest.mark.seconds
 def test_the_rate_of_the_box_is_taken_where_none_is_given():
     own = l2_gain(vanishing(rate=1.0), trajectories=False)
     assert own.certificate.box.rate == (1.0,) and own.upper < 0.7

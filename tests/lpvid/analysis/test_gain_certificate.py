@@ -40,6 +40,7 @@ def forged(certificate: GainCertificate) -> dict[str, GainCertificate]:
             "model": replace(certificate, model_hash="0" * 64)}
 
 
+@pytest.mark.seconds
 def test_a_certificate_holds_for_its_model(certificate):
     outcome = lpv.verify(certificate, vanishing())
     assert outcome.holds and outcome.between_grid and outcome.margin == pytest.approx(certificate.margin)

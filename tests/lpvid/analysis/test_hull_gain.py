@@ -45,6 +45,7 @@ def test_hull_that_is_the_box_gives_its_gain():
     assert hull.upper == pytest.approx(box.upper, rel=2e-3)
 
 
+@pytest.mark.seconds
 def test_disc_holds_the_circle():
     """A + cos θ A₁ + sin θ A₂ of a rotating frame: polygons of more sides come closer from above."""
     a = np.array([[[-1.0, 0], [0, -2.0]], [[0.5, 0], [0, -0.5]], [[0, 0.5], [0.5, 0]]])

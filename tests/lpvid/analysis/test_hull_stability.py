@@ -81,6 +81,7 @@ def test_one_matrix_decreases_at_every_mixture_of_the_vertices(sample_time, rng)
         x = later
 
 
+@pytest.mark.seconds
 def test_certificate_of_a_polytope_is_kept_and_checked(tmp_path):
     model = oscillator()
     lpv.save(lpv.certify_stability(model), tmp_path / "certificate.json")
@@ -129,6 +130,7 @@ def test_over_fewer_variables_is_the_shadow():
                                np.sort(hull.vertices()[:, ::-1], axis=0), atol=1e-9)
 
 
+@pytest.mark.seconds
 def test_growth_is_looked_for_inside_only():
     """Two nilpotent vertices, in turn each 1.8-fold a sample; at 0.55 of both each product of two is a contraction."""
     a, b = np.array([[0.0, 1.8], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.8, 0.0]])
@@ -151,6 +153,7 @@ def growing_in_turn():
     return loop(turning, hull=hull)
 
 
+@pytest.mark.seconds
 def test_bounded_rates_are_covered_on_the_hull():
     """No P of degree zero serves for both vertices; one of a higher degree does."""
     model = growing_in_turn()
@@ -168,6 +171,7 @@ def test_largest_rate_on_a_hull_is_above_one_that_is_covered(coarse):
     assert not found.arbitrary and found.rates is not None and max(found.rates) >= 0.02
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_gain_of_a_designed_loop_is_that_of_its_hull(sample_time, rng):
     model = oscillator(sample_time)
@@ -208,6 +212,7 @@ def test_gain_with_bounded_rates_is_no_higher_than_on_the_box_around():
     assert lpv.l2_gain(turned()).upper <= around.upper * 1.005
 
 
+@pytest.mark.seconds
 def test_share_of_draws_that_the_same_matrix_covers_on_the_polytope(rng):
     """Draws within a thousandth are covered; on the box around it none is, for its corner is unstable."""
     model = oscillator()
@@ -223,6 +228,7 @@ def test_region_of_training_data_is_no_set_of_a_design():
     assert not lpv.frozen_stability(trained).stable and not lpv.certify_stability(trained).verified
 
 
+@pytest.mark.seconds
 def test_report_states_the_set_that_was_examined(coarse):
     study = study_stability(oscillator(), questions=Questions(True, True, True))
     data = study.to_dict()
@@ -257,6 +263,7 @@ def test_a_law_without_states_has_neither_decay_nor_poles(sample_time):
         assert lpv.certify_stability(model).verified and lpv.l2_gain(model).upper == pytest.approx(2.0, rel=1e-3)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_a_certificate_without_finite_vertices_does_not_hold(sample_time):
     model = oscillator(sample_time)
@@ -272,6 +279,7 @@ def test_a_certificate_without_finite_vertices_does_not_hold(sample_time):
             assert not outcome.holds and why in outcome.why
 
 
+@pytest.mark.seconds
 def test_a_proven_decay_is_not_left_for_a_faster_one_on_a_grid(monkeypatch):
     """Both are stated by their own verdicts; the search on the box around the hull may end on a grid."""
     model = oscillator()
@@ -297,6 +305,7 @@ def test_ends_of_a_line_are_no_negative_zeros():
     assert (np.copysign(1.0, low), high) == (1.0, 1.0)
 
 
+@pytest.mark.seconds
 def test_steps_between_all_pairs_of_many_vertices_are_left_out(monkeypatch):
     """Of 200, as a hull of measured samples may have, 40,000 inequalities: 200 s of a solver. Here 80, too many too."""
     tried = []
@@ -360,6 +369,7 @@ def test_largest_hull_about_its_middle(sample_time):
         lpv.largest_range(model, towards="upper")
 
 
+@pytest.mark.seconds
 def test_a_hull_of_slow_motion_is_larger_than_one_of_jumps(coarse):
     turning = loop([np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))],
                    hull=lpv.Hull.of(NAMES, np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.1]])))
@@ -368,6 +378,7 @@ def test_a_hull_of_slow_motion_is_larger_than_one_of_jumps(coarse):
     assert lpv.verify(slow.certificate, turning).holds
 
 
+@pytest.mark.seconds
 def test_a_draw_that_is_not_decided_makes_no_exact_share(monkeypatch):
     """A P that moves, on the triangle: without a budget its simplices decide nothing."""
     turning = loop([np.array([[-0.5, 1], [-10, -0.5]]), np.array([[0.0, 9], [9, 0]]), np.zeros((2, 2))],

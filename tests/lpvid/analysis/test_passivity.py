@@ -92,6 +92,7 @@ def test_no_motion_takes_more_than_is_stored():
         assert stored.min() >= 0
 
 
+@pytest.mark.seconds
 def test_a_violation_between_grid_points_is_refused():
     """Damping (i − ½)² ∓ 10⁻⁶: negative within a thousandth of ½ A, where no grid looks."""
     basis = lpv.Polynomial("current", degree=2)

@@ -36,6 +36,7 @@ def test_lag_with_uncertain_pole(block):
     assert lpv.verify(found.certificate, LAG).holds
 
 
+@pytest.mark.seconds
 def test_constant_stiffness_is_the_worst_frozen_one():
     """Lightly damped: filters make the bound of a constant tight; a moving one pumps and is worse."""
     worst = max(h_infinity_norm((np.array([[0, 1], [-1 - d, -0.4]]), np.array([[0], [1.0]]), np.array([[1.0, 0]]),
@@ -46,6 +47,7 @@ def test_constant_stiffness_is_the_worst_frozen_one():
     assert moving.upper > 2 * still.upper
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.2])
 def test_moving_parameter_is_one_more_scheduling_variable(sample_time):
     """ẋ = A(s)x + δ B_p C_q x + B_w w by l2_gain with δ as scheduling, against δ as an uncertainty."""
@@ -92,6 +94,7 @@ def test_slope_is_worth_more_than_a_sector():
     assert beyond.verdict == "not certified" and "range" in beyond.mend
 
 
+@pytest.mark.seconds
 def test_what_is_not_certified_still_has_a_lower_bound():
     """Largest gains are those without uncertainty: 1/(s+1)³ at rest, 1/(2ζ√(1 − ζ²)) of the oscillator with ζ = 0.1."""
     cube = system([[-1.0, 0, 0], [1, -1, 0], [0, 1, -1]], [[-1.0, 1.0], [0, 0], [0, 0]], [[0, 0, 1.0], [0, 0, 1.0]])
@@ -115,6 +118,7 @@ def test_an_admissible_uncertainty_that_destabilises_makes_the_worst_case_infini
     assert type(found).from_dict(json.loads(json.dumps(found.to_dict()))).lower == np.inf
 
 
+@pytest.mark.seconds
 def test_neglected_dynamics_destabilise_from_the_small_gain_on():
     """The largest gain from p to q is 1/(2ζ√(1 − ζ²)), ζ = 0.2, at its resonance, where no constant is the worst."""
     limit = 0.4 * np.sqrt(0.96)

@@ -130,6 +130,7 @@ def test_a_jittered_record_of_reversed_polarity_is_marked() -> None:
     assert reversed_polarity([change(record, "force", lambda force: -force)])
 
 
+@pytest.mark.seconds
 def test_oversampled_is_mended_by_a_rate_as_low_as_it_asks_for() -> None:
     fast = clean(period=1 / 3000, n=15000)
     plain, = audit(fast).of("oversampled")
@@ -159,6 +160,7 @@ def test_rounded_stamps_are_a_note_and_no_jitter() -> None:
     assert not found.of("jitter")
 
 
+@pytest.mark.seconds
 def test_rates_that_differ() -> None:
     found = audit([clean(name="a"), clean(seed=6, period=0.01, name="b")])
     assert only(found, "mixed-rates")[0] == "warning"
@@ -187,6 +189,7 @@ def test_a_fault_of_one_channel_is_found_there(fault: Callable, name: str, sever
     assert [(f.severity, f.channel) for f in found.of(name) if f.channel == "force"] == [(severity, "force")]
 
 
+@pytest.mark.seconds
 def test_noise_is_measured() -> None:
     (finding,) = [f for f in audit(clean(period=PERIOD / 10, n=20000)).of("noise-level") if f.channel == "force"]
     assert finding.severity == "note"
@@ -198,6 +201,7 @@ def test_the_lattice_step_is_measured() -> None:
     assert finding.value == pytest.approx(7.0, rel=1e-3)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("levels", [2, 3])
 def test_a_force_on_few_levels_is_quantised_and_a_command_is_not(levels: int) -> None:
     """Three levels of a lattice of 1000 N rest most of the time, as a command does; a force is measured."""
@@ -231,6 +235,7 @@ def test_one_signal_under_two_names() -> None:
 
 
 # -- motion -----------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_velocity_of_wrong_scale_sign_or_origin() -> None:
     scaled = audit(change(clean(), "velocity", lambda v: 1.2 * v)).of("velocity-scale")
     assert scaled[0].value == pytest.approx(1.2, rel=0.01)
@@ -274,6 +279,7 @@ def test_a_causal_filter_on_one_motion_channel_is_found_and_one_on_all_is_not(ch
 
 
 # -- force ------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_polarity_is_found_with_and_without_a_velocity_channel() -> None:
     record = change(clean(), "force", np.negative)
     found = audit(record)
@@ -293,12 +299,14 @@ def test_a_spring_has_no_polarity_to_complain_of() -> None:
     assert found.of("polarity-unclear")
 
 
+@pytest.mark.seconds
 def test_signs_that_differ_between_records() -> None:
     found = audit([clean(1, name="a"), change(clean(2, name="b"), "force", np.negative), clean(3, name="c")])
     assert "'b'" in found.of("mixed-polarity")[0].evidence
     assert [f.record for f in found.of("reversed-polarity")] == ["b"]
 
 
+@pytest.mark.seconds
 def test_force_offset_and_drift() -> None:
     (offset,) = audit(change(clean(), "force", lambda f: f + 80.0)).of("force-offset")
     assert offset.value == pytest.approx(80.0, rel=0.15)
@@ -309,6 +317,7 @@ def test_force_offset_and_drift() -> None:
 
 
 # -- excitation -------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_scheduling_excitation() -> None:
     steps = np.repeat(np.random.default_rng(4).integers(0, 2, N // 50), 50) * 1.5
     noisy = steps + 0.01 * np.random.default_rng(5).normal(size=N)
@@ -325,6 +334,7 @@ def test_scheduling_excitation() -> None:
         audit(clean(), scheduling=["speed"])
 
 
+@pytest.mark.seconds
 def test_repetition_is_a_note_with_its_period() -> None:
     one = clean(n=1000)
     twice = Record({k: Channel(np.tile(c.values, 4), c.unit, c.unit) for k, c in one.channels.items()},
@@ -397,6 +407,7 @@ def test_a_fast_part_beside_strong_lines_is_followed_to_its_end(noise: float, rn
     assert follows(view(strut(rng, 0.02, noise), None)) > 18
 
 
+@pytest.mark.seconds
 def test_unrelated_noise_has_no_band_that_follows(rng: np.random.Generator) -> None:
     """40 pairs: with a chance of 1 % each, three or more have one of 0.7 %."""
     pairs = [Record({"velocity": rng.normal(size=4000), "force": lfilter([1.0], [1.0, -0.9], rng.normal(size=4000))},
@@ -471,6 +482,7 @@ def _names(found: Audit, *severities: str) -> set[str]:
     return {f.name for f in found.findings if f.severity in severities}
 
 
+@pytest.mark.seconds
 def test_random_mr_damper(shared_data: Path) -> None:
     records = read(shared_data / "mr_damper_random" / "estimation.csv")
     found = audit(records)
@@ -509,6 +521,7 @@ def test_mr_damper_sines(shared_data: Path) -> None:
     assert found.count("fault") == 0
 
 
+@pytest.mark.seconds
 def test_race_damper(shared_data: Path) -> None:
     found = audit(read(shared_data / "race_damper_dyno"))
     assert {f.record for f in found.of("reversed-polarity")} == {"t1_1_1_18_18_s1_n10_100psi",
@@ -576,6 +589,7 @@ class TestCoherentInputs:
         np.testing.assert_allclose(seen.share, [0.2, 0.2], rtol=0.15)  # 1 - 1/(1 + 0.25), less the bias of averaging
 
 
+@pytest.mark.seconds
 def test_a_sample_that_outweighs_all_others_is_a_spike() -> None:
     record = clean()
     assert not [f for f in audit(record).findings if f.name == "spike"]
@@ -655,6 +669,7 @@ def triangles(speeds: tuple[float, ...], rate: float, cycles: int = 6) -> np.nda
     return np.concatenate(parts)
 
 
+@pytest.mark.seconds
 def test_a_set_of_triangles_of_rising_speed_decides_the_polarity():
     """Power rises with the square of the speed: its scatter over the record is no doubt about its sign."""
     rate = 500.0

@@ -67,6 +67,7 @@ def test_hum_is_a_warning_and_no_part_of_the_velocity_that_checks_derive(rng):
     assert np.std(stroke[1] - v[:stroke[1].size]) < 0.05 * v.std()
 
 
+@pytest.mark.seconds
 def test_an_elastic_strut_with_unequal_directions_has_one_gas_force(rng):
     """Gas −180 N in every run, rebound three times compression, a mount of 2 MN/m: no load cell to be zeroed."""
     records = []

@@ -123,12 +123,14 @@ class TestMotion:
 
 
 class TestGains:
+    @pytest.mark.seconds
     def test_of_a_motion_channel_in_one_file(self) -> None:
         files = [record(x, g * v, damper(v), f"run{k}") for k, g in enumerate((1.0, 1.0, 1.04))
                  for x, v in [motion(k)]]
         (finding,) = audit(files).of("motion-gain-varies")
         assert "1.04 ('run2')" in finding.evidence and finding.value == pytest.approx(0.04, abs=0.004)
 
+    @pytest.mark.seconds
     def test_of_the_force_under_one_motion(self) -> None:
         x, v = motion(4)
         files = [record(x, v, g * damper(v), f"run{k}", k) for k, g in enumerate((1.0, 1.3, 1.02))]

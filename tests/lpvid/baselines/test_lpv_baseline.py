@@ -77,6 +77,7 @@ def test_its_run_is_that_of_simulate_and_a_stored_one_runs_alike(make, record):
     assert again.channels == baseline.channels
 
 
+@pytest.mark.thinned(5, "seconds")
 @pytest.mark.parametrize("make", ALL)
 def test_every_coefficient_moves_the_run_and_the_derivative_is_that_of_central_differences(make, record):
     baseline = LpvBaseline(make())

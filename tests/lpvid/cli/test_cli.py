@@ -94,6 +94,7 @@ def test_door_opens_quickly_and_lazily():
     assert min(times) < 0.7
 
 
+@pytest.mark.seconds
 def test_identify_finds_the_true_system(model):
     found = lpv.load(model)
     for current in (0.0, 0.7, 2.0):
@@ -118,6 +119,7 @@ def test_identify_says_what_it_did(model):
     assert (model.parent / "report.html").stat().st_size > 10_000
 
 
+@pytest.mark.seconds
 def test_json_is_alone_on_standard_output(run1, model, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for arguments in (("inspect", run1), ("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0),
@@ -128,6 +130,7 @@ def test_json_is_alone_on_standard_output(run1, model, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.seconds
 def test_validate_resamples_and_says_so(model, tmp_path):
     s, n = true_system(600, 3), 600
     slow = np.repeat(np.column_stack(list(s.values())), 2, axis=0)
@@ -156,6 +159,7 @@ def test_validate_takes_other_names_and_signs(model, tmp_path):
     assert json.loads(wrong.stdout)["overall"]["free_run"]["esr"] == pytest.approx(4.0, rel=0.05)  # (y+y)²/y²
 
 
+@pytest.mark.seconds
 def test_a_sign_turned_in_some_files_only(model, run1, tmp_path):
     """Mixed signs, as on a dyno whose load cell was turned round between tests: each file says how it was read."""
     straight, turned = measured(tmp_path / "a1.csv", 300, 5), measured(tmp_path / "b-psi.csv", 300, 6, force=-1.0)
@@ -185,6 +189,7 @@ def test_validate_knows_training_data(model, run1, tmp_path):
     assert json.loads(run("validate", model, run1, "--training", "--json").stdout)["data"] == "training"
 
 
+@pytest.mark.seconds
 def test_velocity_is_derived_and_said(tmp_path):
     t = np.arange(3000) / RATE
     x = 0.01 * np.sin(2 * np.pi * 1.3 * t) + 0.004 * np.sin(2 * np.pi * 4.1 * t + 1)
@@ -273,6 +278,7 @@ def test_stability_of_the_golden_case(tmp_path):
     assert (tmp_path / "s" / "report.html").exists()
 
 
+@pytest.mark.seconds
 def test_unstable_ends_with_three_and_the_result(tmp_path):
     file = golden(tmp_path / "m.json")
     for extra in (("--range", "0:10"), ("--range", "current=8:9.5", "--rate", "current=1")):
@@ -316,6 +322,7 @@ def test_stability_without_scheduling(tmp_path):
 
 
 # -- results ----------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_existing_folder_keeps_its_other_files(run1, tmp_path):
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
@@ -342,6 +349,7 @@ def test_a_second_run_leaves_nothing_of_the_first(run1, tmp_path):
     assert {"model.json", "audit.json", "state_space.csv"} <= left
 
 
+@pytest.mark.seconds
 def test_a_folder_may_hold_the_data_and_the_results(run1, tmp_path):
     """Results that lie in the folder of the data are no data, with a pattern either; named by themselves they are."""
     data = shutil.copy(run1, tmp_path / "run.csv")
@@ -372,6 +380,7 @@ def test_a_file_of_the_users_is_not_replaced(run1, tmp_path, monkeypatch, name):
     assert (folder / name).read_text() == "mine again"
 
 
+@pytest.mark.seconds
 def test_a_result_that_is_not_written_deletes_no_file_of_the_users(run1, tmp_path):
     run("identify", run1, "--nk", 0, "--out", tmp_path / "m")
     (tmp_path / "s").mkdir()
@@ -487,6 +496,7 @@ def test_validate_a_file_without_clock(model, tmp_path):
     assert "own rate" in run("validate", model, clocked, "--sample-rate", 400, code=2).stderr
 
 
+@pytest.mark.seconds
 def test_an_interrupt_from_the_keyboard(tmp_path):
     """A real signal to a real process, while it works: 130, one line, nothing written."""
     program = ("import os, signal, threading, lpvid.auditing as a\n"

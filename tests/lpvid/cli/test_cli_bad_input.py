@@ -347,6 +347,7 @@ def test_reversed_polarity_is_kept_and_said(tmp_path):
     assert kept["b0[1]"] == pytest.approx(-other["b0[1]"], rel=1e-9) and kept["b0[1]"] < 0
 
 
+@pytest.mark.seconds
 def test_reversed_polarity_travels_with_the_model(tmp_path):
     (tmp_path / "a.csv").write_text(table(force=-FORCE))
     CliRunner().invoke(app, ["identify", str(tmp_path / "a.csv"), "--schedule", "current", "--nk", "0", "--out",

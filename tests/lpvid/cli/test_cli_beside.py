@@ -67,6 +67,7 @@ def test_identify_sets_another_model_beside(folder: Path) -> None:
     assert "Beside other models" in (folder / "again/report.html").read_text()
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("words", [["--beside", "gone.json"], ["--beside", "{run}"]])
 def test_what_is_no_model_is_refused_before_the_work(folder: Path, words: list[str]) -> None:
     out = folder / "refused"
@@ -76,6 +77,7 @@ def test_what_is_no_model_is_refused_before_the_work(folder: Path, words: list[s
     assert done.exit_code == 2 and len(errors) == 1 and not out.exists()
 
 
+@pytest.mark.seconds
 def test_one_bad_record_is_in_the_verdict(folder: Path) -> None:
     """Pooled figures are good, one record's are not: the banner is no longer green, and names it."""
     out = folder / "mixed"

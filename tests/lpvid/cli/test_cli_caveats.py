@@ -54,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 # -- polarity ----------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_a_reversed_held_out_file_leaves_the_sign_of_the_model_alone(folder, tmp_path):
     shown = run("identify", folder / "run.csv", *IO, "--schedule", "current", "--held-out", folder / "turned.csv",
                 "--out", tmp_path / "m").output
@@ -64,6 +65,7 @@ def test_a_reversed_held_out_file_leaves_the_sign_of_the_model_alone(folder, tmp
     assert "with the sign of 'force' turned the free-run fit would be" in compared
 
 
+@pytest.mark.seconds
 def test_reversed_training_records_mark_the_model(folder, tmp_path):
     run("identify", folder / "turned.csv", *IO, "--held-out", folder / "run.csv", "--out", tmp_path / "m")
     assert lpv.load(tmp_path / "m/model.json").metadata["polarity"] == "reversed"
@@ -75,6 +77,7 @@ def test_held_out_data_beyond_the_training_range_are_named(folder):
     assert "% of 'velocity' lies outside the range of the training data" in shown
 
 
+@pytest.mark.seconds
 def test_held_out_currents_beyond_the_training_range_are_named(folder, tmp_path):
     other = tmp_path / "high.csv"
     rows = [line.split(",") for line in (folder / "run.csv").read_text().splitlines()]
@@ -85,6 +88,7 @@ def test_held_out_currents_beyond_the_training_range_are_named(folder, tmp_path)
     assert "training range of the scheduling" not in run(*words[:-1], "--hold-out", "0.1").output
 
 
+@pytest.mark.seconds
 def test_a_rate_that_was_given_is_not_advised_again(folder, tmp_path):
     rows = (folder / "wide.csv").read_text().splitlines()
     slow = tmp_path / "slow.csv"
@@ -221,6 +225,7 @@ def test_an_unstable_identified_model_is_exported_with_a_warning(folder, tmp_pat
         assert ("this model is NOT stable: largest frozen pole modulus 1.05" in shown) == words
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("run_of_it", [Figures("free-run", None, None, None, "N", 1200, diverged_at=772),
                                        Figures("free-run", 1.2, -9.5, 80.0, "N", 1200)])
 def test_a_free_run_that_is_none_of_the_training_data_is_a_shortfall(folder, tmp_path, monkeypatch, run_of_it):

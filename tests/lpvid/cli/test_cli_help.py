@@ -89,6 +89,7 @@ def test_groups_list_their_commands_and_versions() -> None:
         assert "Usage" in CliRunner().invoke(app, []).stdout
 
 
+@pytest.mark.seconds
 def test_completion_is_offered() -> None:
     done = subprocess.run([sys.executable, "-c", "from lpvid.cli import main; main()"], capture_output=True, text=True,
                           env={"_LPVID_COMPLETE": "complete_bash", "COMP_WORDS": "lpvid ident", "COMP_CWORD": "1",

@@ -47,6 +47,7 @@ def test_ctrl_c_near_the_command_never_ends_with_a_traceback(delay):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.seconds
 def test_a_program_in_the_background_ignores_it():
     done = interrupted("lpvid", 0.05, "SIG_IGN")
     assert done.returncode == 2
@@ -67,6 +68,7 @@ def test_a_caller_that_goes_on_has_its_own_handler_again(handler, monkeypatch, c
         signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.seconds
 def test_once_the_process_ends_ctrl_c_ends_it_by_itself():
     code = START.format(package="lpvid", handler="default_int_handler").replace("main()\n", (
         "import atexit, os, sys\natexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\nmain()\n"))

@@ -45,6 +45,7 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.seconds
 def test_a_model_remembers_its_clock_and_the_units_that_roles_stated(folder):
     model = lpv.load(folder / "m" / "model.json")
     assert model.metadata["reading"] == {"time": "Zeit [ms]", "velocity": "v [mm/s]"}
@@ -65,6 +66,7 @@ def test_no_command_needs_the_roles_again(folder, command):
     assert "column 'v' is read in mm/s, as that of the model's training data" in printed
 
 
+@pytest.mark.seconds
 def test_a_baseline_in_a_file_and_a_model_beside_read_alike(folder):
     bare = write(folder / "bare.csv", 4, "time [s],velocity [m/s],force [N]", 1.0, 1.0)
     run("identify", bare, "--na", 1, "--nb", 1, "--nk", 0, "--out", folder / "other")

@@ -154,6 +154,7 @@ def largest(model, amplitude: float) -> float:
                for u in held)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("structure, options", [("quasi", ("--nb", 2, "--segments", 4, "--odd", 100, "--trial", 2)),
                                                 ("compliance", ("--segments", 1))])
 def test_bounded_by_construction(file, tmp_path, structure, options):
@@ -244,6 +245,7 @@ def test_the_choice_reaches_the_ceiling(chosen):
     assert described["selection"]["best"] == selection["best"] and "identification" not in described["selection"]
 
 
+@pytest.mark.seconds
 def test_a_budget_states_what_came_on_top_of_it(tmp_path):
     write(tmp_path / "a.csv", **plain(300, 0)[0])
     shown = run("identify", tmp_path / "a.csv", "--input", "u", "--output", "y", "--auto", "--budget", "1")
@@ -251,6 +253,7 @@ def test_a_budget_states_what_came_on_top_of_it(tmp_path):
                      shown.stderr)
 
 
+@pytest.mark.seconds
 def test_an_interrupted_search_ends_with_130_and_its_best(tmp_path, monkeypatch):
     from lpvid.identification.selection.search import StructureSearch
 

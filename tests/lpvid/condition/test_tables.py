@@ -82,6 +82,7 @@ def test_structured_arrays_and_datasets_have_columns():
             np.testing.assert_allclose(record[name], expected[name])
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("library", ["pandas", "polars", "xarray"])
 def test_frames_of_the_libraries_themselves(library):
     module = pytest.importorskip(library)

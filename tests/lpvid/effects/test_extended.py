@@ -69,6 +69,7 @@ def test_the_channels_that_it_reads_are_found_along_a_part_of_the_first_record()
     assert short.metadata["training"]["n_samples"] == measured().n_samples
 
 
+@pytest.mark.seconds
 def test_it_is_read_and_simulated_without_a_diagnosis(tmp_path) -> None:
     """In a fresh process, from the file alone, with the effects and the baseline of quartercar."""
     from quartercar.baselines.damper import DamperBaseline

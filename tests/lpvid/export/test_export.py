@@ -49,6 +49,7 @@ def same(one, other) -> None:
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
+@pytest.mark.seconds
 @settings(max_examples=60, deadline=None)
 @given(numbers=st.lists(st.tuples(finite, finite), min_size=0, max_size=4))
 def test_numbers_come_back_bit_for_bit(tmp_path_factory, numbers):

@@ -187,6 +187,7 @@ int main(void)
     assert run_self_test({**c_files(found), "lpv_model_test.c": main}).passed
 
 
+@pytest.mark.seconds
 def test_files_are_written_whole(rng, tmp_path):
     made = export_c(state_space(rng), tmp_path / "out", name="my_filter", precision="float")
     assert [p.name for p in made.files] == ["my_filter.h", "my_filter.c", "my_filter_test.c"]

@@ -120,6 +120,7 @@ def test_a_channel_whose_name_is_no_identifier_keeps_it_in_a_valid_fmu(version, 
     assert {"motor current", "gas (N2)", "gimbal speed", "Kraft/Weg"} <= {v.name for v in described.modelVariables}
 
 
+@pytest.mark.seconds
 @needs_compiler
 def test_an_input_and_an_output_of_one_name_are_told_apart(fmpy, rng):
     model = state_space(rng, "square", inputs=("force", "speed"), outputs=("force", "speed"))
@@ -166,6 +167,7 @@ def test_model_exchange_gives_the_step_response_of_the_frozen_model(version, fmp
     assert np.abs(run["y1"] - wanted).max() < 1e-6 * np.abs(wanted).max()
 
 
+@pytest.mark.seconds
 def test_a_continuous_model_has_no_other_form(rng):
     for form in ("c", "matlab", "control", "csv"):
         with pytest.raises(InputError, match="fmu2"):

@@ -153,6 +153,7 @@ def test_another_format_under_this_name(tmp_path, name, content):
     refused(put(tmp_path / name, content), name)
 
 
+@pytest.mark.seconds
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_flipped_bytes_never_escape_as_another_error(tmp_path, data):
@@ -169,6 +170,7 @@ def test_flipped_bytes_never_escape_as_another_error(tmp_path, data):
         assert record.n_samples > 0
 
 
+@pytest.mark.seconds
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.one_of(st.binary(max_size=300), st.text(alphabet="0123456789.,;\t -#\"\nabtime[]s", max_size=200)))
 def test_any_text_is_a_record_or_an_input_error(tmp_path, content):
@@ -210,6 +212,7 @@ def parquet_claim(path: Path) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.thinned(4, "seconds")
 @pytest.mark.parametrize("make", [
     lambda path: mat5((1_300_000_000, 1), compressed=False), lambda path: mat5((40_000, 40_000), compressed=True),
     hdf5_claim, parquet_claim,

@@ -77,6 +77,7 @@ UNITS = ("mm", "kN", "degC", "rad/s", "lbf*s/in", None)
 VALUES = st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.just(float("nan")))
 
 
+@pytest.mark.seconds
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), names=NAMES, n=st.integers(2, 12))
 def test_every_format_gives_the_same_record(tmp_path, data, names, n):
@@ -341,6 +342,7 @@ def test_reading_loads_no_heavy_library(tmp_path):
 
 
 # -- real measurements ----------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_every_real_measurement_reads(shared_data):
     files = sorted(shared_data.glob("*/*.csv"))
     records = read(files, sample_rate=100.0)

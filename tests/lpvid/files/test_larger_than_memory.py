@@ -181,6 +181,7 @@ def test_a_state_of_other_data_is_no_state(tmp_path: Path) -> None:
 
 
 # -- audit -------------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_the_audit_of_the_parts_finds_what_stands_in_one_of_them() -> None:
     whole = measured(6000)
     v = whole["velocity"].copy()

@@ -84,6 +84,7 @@ def test_a_role_names_the_time_column(tmp_path):
         lpv.read(path, roles={"time": "Uhr"})
 
 
+@pytest.mark.seconds
 def test_a_role_names_the_time_column_of_a_parquet_file_in_parts(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     pyarrow = pytest.importorskip("pyarrow")

@@ -229,6 +229,7 @@ def test_a_command_that_hangs_is_stopped_once_whatever_may_be_tried_again(
     assert (found.state, found.message, waited) == ("stopped", "stopped after 7 s", [7.0])
 
 
+@pytest.mark.seconds
 def test_of_a_file_that_hangs_later_steps_are_skipped_and_it_is_listed(
         folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One time limit is waited for, not one for every step; the steps themselves run here, without a cluster."""
@@ -342,6 +343,7 @@ def test_few_files_state_how_far_a_file_must_lie_to_be_named() -> None:
             assert len(found.named) == named
 
 
+@pytest.mark.seconds
 def test_a_missing_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(running, "SCHEDULER_TIMEOUT", 1.0)  # the port refuses at once; the client tries on until then
     with pytest.raises(InputError, match="does not answer"), connected("tcp://127.0.0.1:9", None):
@@ -492,6 +494,7 @@ def test_a_large_file_at_another_rate_or_without_its_velocity_is_read_whole(
     assert steps.factor(plain.jobs[0], plain, lpv.Scheduling(("current",), (0.0,), (2.0,)), 250.0, "t").state == "done"
 
 
+@pytest.mark.seconds
 def test_the_model_of_all_files_knows_their_rows_and_ranges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for k in range(4):
         written(specimen(k), tmp_path)

@@ -65,6 +65,7 @@ def test_consistent_where_least_squares_is_not():
     assert joint_bias_test(biased, TRUTH) < 1e-6
 
 
+@pytest.mark.seconds
 def test_noise_that_moves_with_the_scheduling_is_found():
     _, _, noise = study(ARMAX(**SETTINGS, nc=1, varying_noise=True, starts=1), 4, n=6000, slope=-0.25)
     np.testing.assert_allclose(noise.mean(axis=0), [0.7, -0.25], atol=0.03)

@@ -260,6 +260,7 @@ def test_noise_level_is_found(rng: np.random.Generator) -> None:
 
 
 # -- invariances ------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 @settings(deadline=None, max_examples=25)
 @given(u_unit=st.floats(-9, 9), y_unit=st.floats(-9, 9), p_unit=st.floats(-9, 9), shift=st.floats(-100, 100))
 def test_units_change_neither_error_nor_poles(u_unit: float, y_unit: float, p_unit: float, shift: float) -> None:

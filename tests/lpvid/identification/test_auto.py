@@ -124,6 +124,7 @@ def test_the_first_fit_stays_whatever_the_budget_and_the_rest_is_named() -> None
     assert any("ended at its budget of 0.001 s of processor time and left out" in n for n in found.notes)
 
 
+@pytest.mark.seconds
 def test_a_budget_keeps_what_the_refit_of_the_best_takes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its seconds are those of the estimate on all records, which counts the whole search of an output error."""
     record = lightly_damped(14)
@@ -279,6 +280,7 @@ def third_order(seed: int, n: int = 2500) -> Record:
     return Record({"u": u, "y": x + 0.1 * x.std() * rng.normal(size=n)}, sample_time=0.01)
 
 
+@pytest.mark.seconds
 def test_subspace_errors_by_order_are_those_of_separate_fits() -> None:
     """Oracle: each order fitted on each fold by its own call."""
     record = third_order(0)

@@ -103,6 +103,7 @@ def test_the_innovations_of_the_truth_are_what_drove_it(rng):
     np.testing.assert_allclose((y - predict(model, record).output[:, 0])[model.start:], e[model.start:], atol=1e-10)
 
 
+@pytest.mark.seconds
 def test_without_noise_orders_it_is_output_error(rng):
     record = system(rng, 600)
     one = identify(record, BoxJenkins(**SETTINGS, nc=0, nd=0))

@@ -126,6 +126,7 @@ def test_warm_start_is_exact_for_frozen_scheduling() -> None:
     assert estimate.fit is not None and estimate.fit > 99.9
 
 
+@pytest.mark.seconds
 def test_fitted_stage_and_filter_ride_along() -> None:
     rng = np.random.default_rng(5)
     n = 1500

@@ -118,6 +118,7 @@ def coloured_gain(seed: int) -> lpv.Record:
     return lpv.Record({"u": u, "y": 2 * u + e}, sample_time=0.01)
 
 
+@pytest.mark.seconds
 def test_a_short_record_with_a_coloured_residual_has_no_white_standard_errors() -> None:
     """Too short for a hundred blocks: white ones are (1 + .95²)/(1 − .95²) = 20 times too small in variance."""
     found = np.array([static_gain(seed) for seed in range(40)])

@@ -94,6 +94,7 @@ def test_only_an_error_about_shortness_is_called_one() -> None:
         make_folds([yielding(1, 60)], 5, 20, ["velocity"])
 
 
+@pytest.mark.seconds
 def test_a_basis_without_support_outside_fails_where_it_is_asked() -> None:
     """A polynomial of high degree in the velocity follows most blocks as the tanh does, and the excursions not."""
     record = yielding(3)
@@ -105,6 +106,7 @@ def test_a_basis_without_support_outside_fails_where_it_is_asked() -> None:
     assert np.median(bent[:5]) < 2 * np.median(right[:5]) and bent[5] > 3 * right[5]
 
 
+@pytest.mark.seconds
 def test_a_search_begins_at_a_fitted_stage_and_moves_it() -> None:
     record = yielding(4)
     named = lpv.OutputError(na=1, nb=1, nk=0, input="velocity", output="force", stage="tanh")
@@ -133,6 +135,7 @@ def test_output_errors_of_a_search_have_stages_of_their_own() -> None:
     assert search.begin_of(replace(named, stage="three-zone")) is None
 
 
+@pytest.mark.seconds
 def test_the_cost_of_measured_starts_is_that_of_their_noise() -> None:
     """Oracle: a pole a carries the noise of its first sample on, σ²/(1 − a²) in all, whichever sample that is."""
     a, sigma, n = 0.9, 0.5, 20_000

@@ -34,6 +34,7 @@ def pieces(record: Record, rows: int) -> Iterator[Record]:
         yield record.slice(first, min(first + rows, record.n_samples))
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("rows", [37, 500, 3000])
 def test_one_pass_over_a_generator_is_the_estimate_of_the_whole(rows: int) -> None:
     whole = drifting()

@@ -70,6 +70,7 @@ def test_consistent_where_least_squares_is_not():
     assert joint_bias_test(biased, TRUTH) < 1e-6
 
 
+@pytest.mark.seconds
 def test_never_worse_than_its_start():
     for seed in range(4):
         record = coloured(np.random.default_rng(seed), 700, 0.5)
@@ -98,6 +99,7 @@ def test_a_realisation_has_an_observer_gain_only_for_equation_noise(rng):
     np.testing.assert_allclose(simulate(found, record, "zero").output, expected, atol=1e-12)
 
 
+@pytest.mark.seconds
 def test_two_outputs_and_two_inputs(rng):
     n = 3000
     u, p, x = rng.normal(size=(n, 2)), rng.uniform(-1, 1, n), np.zeros((n, 2))
@@ -124,6 +126,7 @@ def _flat(a0: np.ndarray, a1: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
+@pytest.mark.seconds
 def test_a_scheduling_filter_by_name_joins_the_search_and_an_object_stays(rng):
     n = 3000
     u = rng.normal(size=n)
@@ -209,6 +212,7 @@ def test_the_covariance_of_a_vague_estimate_has_no_negative_variance(rng):
     assert values[0] >= -len(values) * np.finfo(float).eps * values[-1]
 
 
+@pytest.mark.seconds
 def test_a_search_begins_at_every_knee_where_a_knee_is_all_that_a_stage_has(rng, monkeypatch):
     """None where the stage is given, none of a stage with slopes, one for each start of the stage's own search."""
     from lpvid.identification import output_error
@@ -226,6 +230,7 @@ def test_a_search_begins_at_every_knee_where_a_knee_is_all_that_a_stage_has(rng,
     assert begun[1:] == [[], []]
 
 
+@pytest.mark.seconds
 def test_the_knee_of_friction_is_found_where_least_squares_leads_astray(shared_data):
     training, = files.read(shared_data / "emps" / "first.csv")
     found = identify(training, OutputError(2, 3, 0, "velocity", "force", affine=1, stage="tanh", frozen_poles="inside"),

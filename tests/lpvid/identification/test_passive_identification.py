@@ -17,6 +17,7 @@ def _measured(model, rng, samples=3000, noise=0.0, offset=0.0):
     return record(v, i, force + noise * rng.normal(size=samples))
 
 
+@pytest.mark.seconds
 def test_a_passive_network_is_found_unchanged():
     truth = maxwell()
     data = _measured(truth, np.random.default_rng(0))

@@ -198,6 +198,7 @@ def simple(rng: np.random.Generator, n: int = 800, noise: float = 0.05, slope: f
 SETTINGS = {"na": 1, "nb": 1, "input": "u", "output": "y", "basis": BASIS}
 
 
+@pytest.mark.seconds
 def test_bounds_hold_and_the_rest_still_fits(rng):
     record = simple(rng)
     free = identify(record, OutputError(**SETTINGS))

@@ -241,6 +241,7 @@ def test_an_external_current_multiplies(rng: np.random.Generator) -> None:
 
 
 # -- bounds ------------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 @given(seed=st.integers(0, 10_000), amplitude=st.floats(1e-3, 1e6), step=st.booleans())
 def test_no_input_drives_it_beyond_its_bound(seed: int, amplitude: float, step: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -50,6 +50,7 @@ def test_the_systems_are_stable_and_their_noise_is_as_told():
         assert system.true_fit() == pytest.approx(expected, abs=1.5)
 
 
+@pytest.mark.seconds
 def test_the_certificate_agrees_that_they_are_stable(sample):
     assert all(certify_stability(sample[seed].model).verdict == "certified" for seed in SAMPLE[:2])
 
@@ -64,6 +65,7 @@ def test_robustness_sample(sample):
             assert abs(shortfall(system, selected)) < 0.5
 
 
+@pytest.mark.seconds
 def test_the_scheduling_matters_sample(sample):
     """Without it the same estimator misses the limit, so that meeting it is worth something."""
     assert all(shortfall(sample[seed], time_invariant) > NEAR for seed in SAMPLE[:2])

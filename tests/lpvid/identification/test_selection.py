@@ -40,6 +40,7 @@ def grid() -> Candidates:
     return Candidates("u", "y", "p", na=(1, 2, 3, 4), nk=(0, 1, 2), degree=(0, 1, 2))
 
 
+@pytest.mark.seconds
 def test_finds_the_true_structure(record, grid):
     found = select(record, grid)
     best = found.best
@@ -140,6 +141,7 @@ def test_structures_beyond_the_grid_compete(record):
     assert "SparseARX na=2" in repr(found)
 
 
+@pytest.mark.seconds
 def test_an_interruption_keeps_what_is_done(record, grid):
     calls = []
 
@@ -181,6 +183,7 @@ def test_noise_ceiling_finds_the_noise():
     assert str(ceiling).startswith(f"ceiling about {ceiling.fit_percent:.1f} %")
 
 
+@pytest.mark.seconds
 def test_two_records_and_mistakes(record):
     parts = [record.slice(0, 1200), record.slice(1300, 3000)]
     grid = Candidates("u", "y", "p", na=(1, 2), nk=(1,), degree=(1,))

@@ -113,6 +113,7 @@ def test_a_record_that_breaks_the_coherence_lifts_the_remark() -> None:
     assert pooled.held_out.overall.free_run.fit_percent > 95
 
 
+@pytest.mark.seconds
 def test_held_out_figures_say_what_they_speak_for() -> None:
     whole, fresh = system(6)
     training, likewise = whole.slice(0, 2000), whole.slice(2000, N)

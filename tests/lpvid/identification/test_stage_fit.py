@@ -107,6 +107,7 @@ def test_a_given_stage_is_taken_as_it_is(rng: np.random.Generator) -> None:
     assert found.training.overall.free_run.esr < 1e-18
 
 
+@pytest.mark.seconds
 def test_a_known_lag_of_the_current_is_found(rng: np.random.Generator) -> None:
     v, p = motion(rng, 5000), stepped_current(rng, 5000)
     seen = np.zeros(5000)  # the current behind a coil with 20 ms, as a plain loop
@@ -198,6 +199,7 @@ def test_real_gyroscope(shared_data: Path) -> None:
     assert found.held_out.overall.free_run.fit_percent >= 94.0
 
 
+@pytest.mark.seconds
 def test_real_mr_damper_under_random_voltage(shared_data: Path) -> None:
     (record,) = read(shared_data / "mr_damper_random" / "estimation.csv")
     train, test = thirds(record)
@@ -223,6 +225,7 @@ def test_fitted_stages_are_stated_with_units(rng: np.random.Generator) -> None:
         assert "v0 0.1 m/s, slope 0.05 (m/s)/A" in stated and " s" in stated.split("tau_rise")[1]
 
 
+@pytest.mark.seconds
 def test_a_knee_beyond_the_data_is_bounded_and_called_not_identifiable(rng: np.random.Generator) -> None:
     """A cubic law is tanh of any wide knee: the search ends where tanh departs from a line by (1/5)²/3."""
     v = np.convolve(rng.normal(size=1500), np.ones(8) / 8, "same")
@@ -288,6 +291,7 @@ def test_auto_offers_no_filter_where_the_scheduling_rests():
         assert any(c.schedule_filter is not None for c in found) is offered
 
 
+@pytest.mark.seconds
 def test_a_collapsed_knee_is_named_beside_a_finite_condition_number() -> None:
     """Dry friction: the free run does not depend on a knee within which no sample lies; J has columns of zero."""
     rng = np.random.default_rng(0)

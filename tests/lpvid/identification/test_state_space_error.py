@@ -103,6 +103,7 @@ def test_coordinates_do_not_matter_and_their_directions_are_known(rng: np.random
     assert np.abs(factor[:-1, :-1] @ directions).max() < 1e-9 * np.abs(factor).max()
 
 
+@pytest.mark.seconds
 def test_search_is_the_same_in_any_coordinates(rng: np.random.Generator) -> None:
     system = StateSpaceSystem(rng, 2, 1, 1, 2)
     record = system.record(rng, 600, 20.0)
@@ -148,6 +149,7 @@ def test_random_stable_systems(seed: int) -> None:
     assert np.isfinite(found.covariance).all() and np.isfinite(found.parameters).all()
 
 
+@pytest.mark.seconds
 def test_initial_state_of_every_record(rng: np.random.Generator) -> None:
     system = StateSpaceSystem(rng, 2, 1, 1, 2)
     records = [system.record(rng, 300, None, x0=x0) for x0 in 20 * rng.normal(size=(3, 2))]
@@ -215,6 +217,7 @@ def test_a_diverging_start_is_drawn_in(rng: np.random.Generator) -> None:
     assert found.fit is not None and found.fit > 90
 
 
+@pytest.mark.seconds
 def test_too_high_an_order_and_noise_free_data_stay_finite(rng: np.random.Generator) -> None:
     system = StateSpaceSystem(rng, 2, 1, 1, 2)
     found = lpv.identify(system.record(rng, 500, None), StateSpaceError(4, **system.settings, iterations=15))
@@ -222,6 +225,7 @@ def test_too_high_an_order_and_noise_free_data_stay_finite(rng: np.random.Genera
     assert found.fit is not None and found.fit > 99
 
 
+@pytest.mark.seconds
 def test_offsets_and_direct_term(rng: np.random.Generator) -> None:
     n = 1500
     u, p = rng.normal(size=n), np.repeat(rng.uniform(-1, 1, n // 5), 5)

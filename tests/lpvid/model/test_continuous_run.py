@@ -17,6 +17,7 @@ def _oscillator():
                              outputs=(lpv.Signal("x"),))
 
 
+@pytest.mark.seconds
 def test_a_run_is_that_of_a_general_integrator():
     t = np.arange(0, 10, 0.05)
     w, p = np.sin(3 * t) + 0.3 * np.cos(0.7 * t), np.sin(1.3 * t)

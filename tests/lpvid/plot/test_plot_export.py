@@ -32,6 +32,7 @@ def as_written() -> bytes:
     return buffer.getvalue()
 
 
+@pytest.mark.seconds
 def test_it_is_smaller_and_every_reference_still_has_its_mark():
     plain, short = as_written(), svg(figure())
     assert len(short) < 0.7 * len(plain)

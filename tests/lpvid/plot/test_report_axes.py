@@ -58,6 +58,7 @@ def drawings() -> dict[str, Callable[[Any], Any]]:
     }
 
 
+@pytest.mark.thinned(12, "seconds")
 @pytest.mark.parametrize("name", NAMES)
 def test_the_callers_axes_hold_what_new_ones_do(drawings: dict[str, Callable[[Any], Any]], name: str) -> None:
     check_on_given_axes(drawings[name])
@@ -109,6 +110,7 @@ def test_figures_of_a_run_that_diverges_show_what_came_before() -> None:
     np.testing.assert_allclose(cells[np.isfinite(cells)], 10.0, rtol=1e-12)
 
 
+@pytest.mark.seconds
 def test_figures_of_a_baseline_that_diverges_at_once_are_drawn() -> None:
     shown = [diverging(0)]
     for draw in (diagnosis.error_maps, diagnosis.error_shapes, diagnosis.loops, diagnosis.close_up):

@@ -126,6 +126,7 @@ def test_the_thesis_matrices():
 
 
 # -- what exact means ------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes)
 def test_exact_forms_reproduce_the_equation_for_moving_scheduling(shape):
@@ -227,6 +228,7 @@ def test_the_controllable_form_claims_no_observer():
 
 
 # -- initial state ---------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**31), na=st.integers(1, 4), lags=st.integers(1, 5), affine=st.integers(0, 3),
        ny=st.integers(1, 2), lagged=st.booleans())
@@ -291,6 +293,7 @@ def test_the_gap_grows_as_the_scheduling_gets_faster(form, rng):
     assert fits[3] < 90
 
 
+@pytest.mark.seconds
 def test_the_gap_is_the_difference_of_two_plain_loops(rng):
     made = realize(fourth_order(), "controllable")
     record = run(20, rng)
@@ -334,6 +337,7 @@ def test_stages_in_front_of_an_exact_form_make_no_gap(rng):
     assert realize(source, "controllable").gap(record).esr[0] > 1e-6
 
 
+@pytest.mark.seconds
 def test_pooled_gap_sums_numerators_and_denominators(rng):
     made = realize(fourth_order(), "observable")
     records = [run(50, rng, "slow"), run(None, rng, "white")]

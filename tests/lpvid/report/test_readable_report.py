@@ -54,6 +54,7 @@ addEventListener('load', async () => {
 """
 
 
+@pytest.mark.seconds
 @needs_browser
 def test_every_time_trace_has_a_scale(tmp_path):
     """Two labels or more, far enough apart to be read, whatever the range and the height of the panel."""
@@ -210,6 +211,7 @@ def test_units_of_quotients_stand_on_figures_and_in_remarks():
     assert plot.residuals(shown)[0].get_ylabel() == "density [1/(rad/s)]"
 
 
+@pytest.mark.seconds
 def test_the_width_of_a_band_is_labelled_within_its_row():
     drawn = np.ones((20, 3, 1)) * np.linspace(0.95, 1.05, 20)[:, None, None]
     response = FrozenResponse("fixed", np.ones((3, 1), complex), drawn.astype(complex))
@@ -259,6 +261,7 @@ def test_the_next_command_of_an_audit_names_the_channels_that_there_are():
     assert "--input INPUT --output OUTPUT --hold-out" in command(car)
 
 
+@pytest.mark.seconds
 def test_the_numbers_below_a_histogram_do_not_overlap():
     """Small residuals have long numbers."""
     rng = np.random.default_rng(0)

@@ -138,6 +138,7 @@ def test_stability_page_warns_in_words(rendered):
     assert "does not cover a moving scheduling variable" in html and "Critical values" in html
 
 
+@pytest.mark.seconds
 def test_unstable_page_is_marked():
     model = lpv.LPVTransferFunction.siso([[-0.5, 0.8]], [[1.0, 0.0]], lpv.Polynomial("p", degree=1), 0.1)
     study = study_stability(model)
@@ -324,6 +325,7 @@ def test_figures_are_drawn_on_the_callers_axes(found):
             draw(Canvas().subplots(1, made.size + 1, squeeze=False))
 
 
+@pytest.mark.seconds
 def test_figures_leave_no_global_state(found):
     import matplotlib as mpl
 
@@ -332,6 +334,7 @@ def test_figures_leave_no_global_state(found):
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.seconds
 def test_figures_are_embedded_as_svg_in_their_order():
     """Whatever process drew them: each is byte for byte what `plot.svg` gives for its drawing."""
     drawings = [plot.poles(np.array([k / 4])).figure for k in range(4)]
@@ -394,6 +397,7 @@ def test_a_share_that_is_nearly_whole_is_not_rounded_to_all():
                                                                           "99.9999"]
 
 
+@pytest.mark.seconds
 def test_bands_of_drawn_models_that_are_unstable_leave_the_panel_without_a_warning():
     """Draws that grow beyond all numbers, and then have none: a band of finite ends inside the axes."""
     time = np.linspace(0.0, 1.0, 40)

@@ -168,6 +168,7 @@ def test_a_fit_to_data_is_not_the_figure_of_that_name():
     assert all(not term for _, term in split_terms("fit a model to keep"))
 
 
+@pytest.mark.seconds
 def test_a_command_line_leaves_its_origin(tmp_path, monkeypatch):
     """Line, hash and files of a real run; a word that is the name of a file is no file that was read."""
     t = np.arange(400) / 100

@@ -22,6 +22,7 @@ def test_the_functions_by_hand():
     assert lpv.Fourier("p", 1, 4.0, 0.5).labels == ("1", "cos(2pi*(p-0.5)/4)", "sin(2pi*(p-0.5)/4)")
 
 
+@pytest.mark.seconds
 @settings(deadline=None, max_examples=60)
 @given(degree=st.integers(1, 5), extra=st.integers(1, 20), seed=st.integers(0, 10**6))
 def test_between_samples_a_sum_exceeds_them_by_no_more_than_the_overshoot(degree, extra, seed):

@@ -45,6 +45,7 @@ def test_frequencies_of_a_sampled_loop_are_hertz():
     assert limits(loop)[0].frequency == pytest.approx(2.0, rel=0.05)
 
 
+@pytest.mark.seconds
 def test_shares_are_those_of_the_worst_input():
     found = lpv.synthesize(quarter_car(), lpv.OutputFeedback())
     for limit in limits(found.closed_loop):
@@ -63,6 +64,7 @@ def in_rounds(monkeypatch):
     monkeypatch.setattr(Program, "floor", lambda *_: -np.inf)
 
 
+@pytest.mark.seconds
 def test_progress_says_what_is_done_and_how_long_it_takes(in_rounds):
     stated: list[str] = []
     found = lpv.synthesize(quarter_car(), lpv.OutputFeedback(), progress=stated.append)
@@ -71,6 +73,7 @@ def test_progress_says_what_is_done_and_how_long_it_takes(in_rounds):
     assert any("verifying" in x for x in stated)
 
 
+@pytest.mark.seconds
 def test_an_interruption_keeps_the_bound_so_far(in_rounds):
     """Ctrl-C in the second round: the controller of the first is written down and verified."""
     def stop(text: str) -> None:

@@ -73,6 +73,7 @@ def test_the_basis_stays_where_the_rule_needs_no_more():
     np.testing.assert_allclose(third.model.frozen([0.4])[0], series, rtol=1e-12)
 
 
+@pytest.mark.seconds
 def test_the_stated_error_is_that_of_a_dense_integration():
     """The run behind the figure, done again with an ODE solver."""
     system, period = oscillator(), 0.05
@@ -111,6 +112,7 @@ def test_there_and_back_is_the_system_again(rule, basis):
     assert back.error < 1e-3 or isinstance(rule, Taylor | Tustin)
 
 
+@pytest.mark.seconds
 def test_tustin_keeps_stability_where_euler_loses_it():
     system = oscillator(Polynomial("p", 1))  # |λ| about 6.3, damping 0.24
     for p in (-1.0, 1.0):
@@ -162,6 +164,7 @@ def test_what_cannot_be_converted_is_refused(call, message):
         call()
 
 
+@pytest.mark.seconds
 def test_entries_that_do_not_move_stay_exactly_so_over_a_table():
     """A fit leaves 1e-16 of variation, with which a loop over this table had products of 43·43·99 functions."""
     made = lpv.from_grid({p: ([[-1 / p, 1.0], [0.0, -2.0]], [[0.0], [1.0]], [[1.0, 0.3]], [[0.7]])

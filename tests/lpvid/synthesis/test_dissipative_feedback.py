@@ -101,6 +101,7 @@ def test_without_the_control_nothing_is_worse_than_the_plant_alone() -> None:
     assert found.gamma_verified >= alone.lower
 
 
+@pytest.mark.seconds
 def test_other_units_change_nothing() -> None:
     one = lpv.synthesize(plant(), DissipativeFeedback())
     scale = np.array([1e3, 1e-2])

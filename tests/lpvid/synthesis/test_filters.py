@@ -27,6 +27,7 @@ def test_nothing_that_multiplies_the_gain_moves_any_more(sample_time):
     assert not any(np.ptp(x, axis=0).any() for x in (m.B2, m.D12, m.C2, m.D21))
 
 
+@pytest.mark.seconds
 def test_the_completed_controller_closes_the_loop_that_was_designed():
     plant = geared()
     found = add_actuator_filters(plant, 50.0)

@@ -21,6 +21,7 @@ def largest_frozen(loop, count=60):
     return max(h_infinity_norm(loop.frozen(p), loop.is_discrete)[0] for p in loop.box.grid(count))
 
 
+@pytest.mark.seconds
 def test_static_gain_reaches_the_published_optimum():
     found = lpv.synthesize(helicopter(), lpv.FixedStructure(starts=2))
     assert found.verdict == "solved"

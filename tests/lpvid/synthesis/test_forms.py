@@ -82,6 +82,7 @@ def test_a_rational_form_is_gridded_and_fitted_with_a_stated_error():
     assert 0.5 * bound < to_gridded(model, 17).error < bound
 
 
+@pytest.mark.seconds
 def test_polytopic_and_affine_are_one_system():
     basis = Polynomial(("p", "q"), 2, (0.1, 3.0), (1.0, 2.0))
     old = system(basis, offsets=True)

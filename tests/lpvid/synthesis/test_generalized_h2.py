@@ -44,6 +44,7 @@ def test_a_loop_without_finite_peak_is_refused():
     assert lpv.peak_gain(unstable).upper == np.inf
 
 
+@pytest.mark.seconds
 def test_optimum_for_one_output_is_the_linear_quadratic_one():
     """One z: the generalised H2 norm is the H2 norm; cost with a cross term, ν² = tr B1ᵀXB1 + tr KSKᵀR."""
     rng = np.random.default_rng(3)

@@ -52,6 +52,7 @@ def largest(loop, points):
     return worst
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_observer_over_a_hull_is_no_worse_than_over_the_box(sample_time, rng):
     box, found = lpv.synthesize(mixed(sample_time), lpv.Observer()), observed(sample_time)
@@ -63,6 +64,7 @@ def test_observer_over_a_hull_is_no_worse_than_over_the_box(sample_time, rng):
     assert lpv.l2_gain(found.closed_loop).upper <= 1.001 * found.gamma_verified
 
 
+@pytest.mark.seconds
 def test_estimate_follows_the_plant_while_the_scheduling_jumps(rng):
     """The observer as it is delivered beside the plant: its error decays, and z − ẑ is that of `closed_loop`."""
     case = mixed()
@@ -140,6 +142,7 @@ def test_state_feedback_with_a_region_over_a_hull(rng):
     assert region.distance(poles).max() < 0
 
 
+@pytest.mark.seconds
 def test_decay_over_a_hull_is_between_its_slowest_pole_and_the_vertices(rng):
     found = lpv.synthesize(mixed(), lpv.OutputFeedback(hull=TRIANGLE))
     decay = lpv.decay_rate(found.closed_loop)
@@ -163,6 +166,7 @@ def test_a_half_plane_makes_no_controller_of_millions_of_hertz(scale):
     assert found.verdict == "solved" and max(poles) < 2 * np.pi * 100
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_h2_norm_of_a_loop_over_a_hull(sample_time, rng):
     """Against Gramians with the scheduling held, the design's own figure, and the covariance along jumps.
@@ -194,6 +198,7 @@ def test_h2_norm_of_a_loop_over_a_hull(sample_time, rng):
     assert np.sqrt(np.mean(squares)) <= norm.upper
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize(("case", "design"), [(mixed, lpv.Observer), (measured, lpv.StateFeedback)])
 def test_in_discrete_time_the_lyapunov_matrix_may_follow_the_scheduling(case, design, rng):
     """Against one P, frozen norms, V along jumps with disturbances, and the inequality at steps between mixtures."""
@@ -235,6 +240,7 @@ def test_what_vertices_do_not_decide_is_refused_in_one_line():
         lpv.hull_gain(mixed().system, TRIANGLE, moving=True)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("constant", [lpv.Polynomial((), 0), lpv.Polynomial(NAMES, 0)])
 def test_a_constant_lyapunov_matrix_may_be_written_out_beside_a_hull(constant):
     """A basis of degree zero is a constant matrix: nothing to refuse, in any design and with any criteria."""

@@ -88,6 +88,7 @@ def _driven(loop, rng, steps=800, held=0.02):
     return np.sqrt(reached / energy)
 
 
+@pytest.mark.seconds
 def test_square_is_the_box():
     """Four sides around the circle are the box itself: the least bounds are the same."""
     hull, box = (synthesized(h) for h in (SQUARE, None))
@@ -125,6 +126,7 @@ def test_storage_function_bounds_the_gain_inside():
         assert np.linalg.eigvalsh(inner + out.T @ out / gamma).max() < 0
 
 
+@pytest.mark.seconds
 def test_more_sides_come_closer():
     gains = [synthesized(h).infimum for h in (SQUARE, lpv.Hull.disc(NAMES, sides=8), DISC)]
     assert gains[0] > gains[1] > gains[2]
@@ -133,6 +135,7 @@ def test_more_sides_come_closer():
     assert lpv.synthesize(turning(), lpv.OutputFeedback(hull=inner)).infimum <= gains[2] * (1 + 1e-3)
 
 
+@pytest.mark.seconds
 def test_unit_and_order_of_the_variables_change_nothing():
     percent = lpv.Hull.disc(("s", "c"), radius=100.0, sides=16)
     one = synthesized()
@@ -192,6 +195,7 @@ def test_state_feedback(sample_time, criterion):
     assert _largest_frozen(loop.closed_loop, _polar(12, 3)) <= loop.gamma_verified
 
 
+@pytest.mark.seconds
 def test_h2_alone_has_a_gain_with_a_certificate():
     found = lpv.synthesize(turning(), lpv.MultiObjective(lpv.H2(), feedthrough=False, hull=DISC))
     assert found.solved and found.region == "polytope"
@@ -199,6 +203,7 @@ def test_h2_alone_has_a_gain_with_a_certificate():
     assert _largest_frozen(found.closed_loop, _polar(16, 3)) <= found.gamma_verified
 
 
+@pytest.mark.seconds
 def test_coupling_stays_off_its_limit():
     """A peak beside a gain over the box: at the limit of the coupling the controller had a pole at 3e8 Hz."""
     found = lpv.synthesize(turning(), lpv.MultiObjective([lpv.GeneralizedH2("w1", "z1"), lpv.HInfinity()]))

@@ -12,6 +12,7 @@ from lpvid.synthesis.forms import to_lft
 from lpvid.synthesis.scaled_gain import recheck_scaled, scaled_gain
 
 
+@pytest.mark.seconds
 def test_without_scheduling_it_is_h_infinity_synthesis():
     """Scherer, Gahinet & Chilali 1997, example 7: 9.50808."""
     found = lpv.LFTFeedback(back_off=1.02).solve(scherer_1997())
@@ -30,6 +31,7 @@ def test_scheduled_controller_keeps_its_promise_on_jumping_trajectories(sample_t
     assert all(simulated_gain(found.closed_loop, rng) <= found.gamma_verified for _ in range(3))
 
 
+@pytest.mark.seconds
 def test_small_gain_is_no_better_than_one_quadratic_lyapunov_matrix():
     """D scalings cover every Δ of the block's size: their least γ is never below that of the vertices."""
     plant = spring_mass(full=False)
@@ -75,6 +77,7 @@ def test_what_no_controller_reaches_is_said_before_any_solver():
     assert found.verdict == "unstabilisable" and "u0" in found.why and found.controller is None
 
 
+@pytest.mark.seconds
 def test_scaled_bounded_real_lemma_bounds_frozen_norms_and_is_exact_without_scheduling():
     loop = lpv.StateFeedback().solve(spring_mass()).closed_loop
     form = to_lft(loop).model

@@ -47,6 +47,7 @@ def test_estimate_keeps_its_bound_along_a_run():
     assert 0.1 * bound < worst <= bound
 
 
+@pytest.mark.seconds
 def test_a_larger_constant_costs():
     gains = [lpv.LipschitzObserver("phi", "angle", c).solve(arm()).gain.upper for c in (0.5, 2.0)]
     assert gains[0] < gains[1]

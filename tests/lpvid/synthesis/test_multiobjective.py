@@ -52,6 +52,7 @@ def test_discrete_h2_optimum_is_that_of_two_riccati_equations():
     assert optimum * (1 - 1e-5) <= verified(found) <= optimum * 1.003
 
 
+@pytest.mark.seconds
 def test_bounds_and_regions_are_kept_and_cost_something():
     plain = lpv.MultiObjective(lpv.H2()).solve(scherer_1997())
     mixed = lpv.MultiObjective([lpv.HInfinity(bound=14.0), lpv.H2()], lpv.HalfPlane(0.8)).solve(scherer_1997())
@@ -70,6 +71,7 @@ def test_polytopic_design_holds_on_jumping_trajectories():
     assert all(simulated_gain(found.closed_loop, rng) <= found.gamma_verified for _ in range(4))
 
 
+@pytest.mark.seconds
 def test_discrete_design_with_a_disc():
     plant = spring_mass(sample_time=0.1, full=False)
     found = lpv.MultiObjective(regions=lpv.Disc(0.0, 0.97)).solve(plant)

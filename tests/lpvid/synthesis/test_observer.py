@@ -81,6 +81,7 @@ def test_observer_by_regions_alone_and_with_a_moving_lyapunov_matrix():
     assert simulated_gain(moving.closed_loop, np.random.default_rng(5)) <= moving.gamma_verified
 
 
+@pytest.mark.seconds
 def test_filter_keeps_its_bound_and_its_loop_is_the_plant_of_the_error_closed_with_it():
     plant = spring_mass(1.0, 1.05, full=False)
     found = lpv.Filter().solve(plant)

@@ -116,6 +116,7 @@ def _spring(rate=None, basis=None, gain=None):
     return plant(a, b1, b2, c1, np.zeros((m, 2, 2)), d12, c2, d21, basis or lpv.Polynomial("p", 1), box)
 
 
+@pytest.mark.seconds
 def test_polytopic_certificate_is_rechecked_between_the_vertices(tmp_path):
     result = lpv.synthesize(_spring(), lpv.OutputFeedback())
     assert result.verdict == "solved" and result.between_grid
@@ -170,6 +171,7 @@ def test_every_factorisation_keeps_its_promise_along_trajectories(varying):
         assert 0.02 * result.gamma_verified < gain <= result.gamma_verified
 
 
+@pytest.mark.seconds
 def test_a_gain_of_the_control_that_varies_is_designed_on_a_grid_and_proven_on_the_box():
     result = lpv.synthesize(_spring(gain=0.5), lpv.OutputFeedback())
     assert result.verdict == "solved"
@@ -179,6 +181,7 @@ def test_a_gain_of_the_control_that_varies_is_designed_on_a_grid_and_proven_on_t
         assert np.linalg.eigvals(result.closed_loop.frozen([p])[0]).real.max() < 0
 
 
+@pytest.mark.seconds
 def test_a_gridded_plant_is_designed_at_its_own_grid():
     """A spline of order 1 through five stiffnesses: corners and knots are enough, and the statement is for the box."""
     knots = tuple(np.linspace(-1, 1, 5))

@@ -126,6 +126,7 @@ def test_a_sampled_plant_runs_below_its_bound():
         assert np.linalg.norm(z) <= result.gamma_verified * np.linalg.norm(w)
 
 
+@pytest.mark.seconds
 def test_asked_for_a_bound_it_gives_that_or_says_what_is_least():
     result = synthesize(scherer(), OutputFeedback(bound=12.0))
     assert result.verdict == "solved" and 11 < result.gamma_verified <= 12.0 * 1.005
@@ -141,6 +142,7 @@ def test_a_loop_is_what_close_loop_says():
     assert all(np.array_equal(x, y) for x, y in zip(again.frozen([]), result.closed_loop.frozen([]), strict=True))
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("noise", [1e-2, 1e-1])
 def test_a_pole_near_zero_does_not_raise_the_bound(noise):
     """The gain of a plant with a pole of 2e-7 rad/s says nothing of what its loop can reach."""

@@ -174,6 +174,7 @@ def test_mismatched_names_of_signals():
         close_loop(p, other)
 
 
+@pytest.mark.seconds
 def test_pole_regions_are_kept():
     result = lpv.synthesize(scherer(), lpv.OutputFeedback(regions=lpv.HalfPlane(0.8)))
     assert result.solved

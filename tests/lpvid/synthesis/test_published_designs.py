@@ -158,6 +158,7 @@ def test_functions_that_no_certificate_covers_are_refused_before_the_search():
         lpv.synthesize(of, lpv.OutputFeedback(lyapunov=Bumps()))
 
 
+@pytest.mark.seconds
 def test_rounding_of_a_fitted_plant_does_not_count_as_a_gain_that_varies():
     """B2, D12, C2 and D21 of order 1e-15 in the scheduling leave the proof on the whole box as it is."""
     plain = quarter_car().system

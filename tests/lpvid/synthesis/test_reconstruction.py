@@ -28,6 +28,7 @@ def peaks(loops):
     return np.array(found)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("case", HARD)
 def test_rounding_of_the_lyapunov_matrices_does_not_move_the_loop(case, rng):
     """N = Y − X⁻¹ of condition 1e4 to 2e7 is inverted: the last digit of X and Y moves the gain by less than 1e-6."""

@@ -90,6 +90,7 @@ def test_a_moving_lyapunov_matrix_proves_its_own_promise(monkeypatch):
     assert simulated_gain(found.closed_loop, rng, jump=False) <= found.gamma_verified
 
 
+@pytest.mark.seconds
 def test_discrete_poly_quadratic_design_with_slack():
     plant = spring_mass(sample_time=0.1)
     quadratic = lpv.StateFeedback().solve(plant)
@@ -108,6 +109,7 @@ def test_poles_lie_in_every_region_asked_for():
     assert (-poles.real / np.abs(poles)).min() > 0.6
 
 
+@pytest.mark.seconds
 def test_mixed_design_keeps_the_bound_and_pays_for_it():
     plant = spring_mass()
     free = lpv.StateFeedback(lpv.H2("w0")).solve(plant)

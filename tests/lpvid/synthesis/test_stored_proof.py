@@ -60,6 +60,7 @@ def test_that_of_two_disks(tmp_path: Path) -> None:
     assert _stored(lpv.synthesize(two_disks(), lpv.OutputFeedback()), tmp_path).states is not None
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("varying", ["controls", "measurements"])
 def test_that_of_a_moving_matrix_has_its_own_functions(varying: str, tmp_path: Path) -> None:
     """X(p), Y(p) over {1, k} make P⁻¹ or P a polynomial of degree one: no fit, on the whole box."""
@@ -93,6 +94,7 @@ def test_the_inverse_of_a_storage_function_shows_the_gain_of_the_primal() -> Non
         assert not recheck_gain(system, storage, 1.001, inverse=not inverse).holds
 
 
+@pytest.mark.seconds
 def test_the_inverse_of_a_storage_function_that_moves_in_discrete_time() -> None:
     """Q(p⁺) − AQ(p)Aᵀ and its companions, against the primal inequality of P = 1/Q at dense values and steps."""
     p, box = lpv.Polynomial("p", 1), lpv.Scheduling(("p",), (0.0,), (1.0,), (0.3,))
@@ -111,6 +113,7 @@ def test_the_inverse_of_a_storage_function_that_moves_in_discrete_time() -> None
     assert held[-1] and not held[0] and held == sorted(held)
 
 
+@pytest.mark.seconds
 def test_a_proof_on_the_whole_box_takes_back_the_remark_on_the_grid() -> None:
     """The measured gain moves with k: the design holds on a grid; its loop is proven in between."""
     system = spring().system

@@ -30,6 +30,7 @@ def test_lines_between_the_frequencies_of_the_transform_are_sized(rng: np.random
     assert found[0].power == pytest.approx(4.5, rel=0.05)
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize("colour", ["white", "walk", "band"])
 def test_noise_has_no_lines_whatever_its_colour(colour: str) -> None:
     """At most twice the level, of 200 draws; the band of noise is 2 Hz wide, a dozen times the resolution."""

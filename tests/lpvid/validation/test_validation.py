@@ -369,6 +369,7 @@ def test_another_rate_than_the_model_s_is_refused() -> None:
         lpv.validate(model, record, sample_rate=50.0)
 
 
+@pytest.mark.seconds
 def test_a_degree_that_is_too_low_shows_along_the_scheduling() -> None:
     rng = np.random.default_rng(21)
     failed, false_alarms = 0, 0

@@ -65,6 +65,7 @@ def test_a_command_in_volts_is_no_force_of_the_actuator(rng):
         QuarterCarBaseline(CAR).signals(record)
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("friction", [0.0, 60.0])
 def test_its_run_is_that_of_the_equations_of_motion(friction, rng):
     s = signals(256, rng)
@@ -144,6 +145,7 @@ def test_what_the_records_cannot_determine_is_held(rng):
     assert found.car.damping == pytest.approx(2600.0, rel=0.05)
 
 
+@pytest.mark.seconds
 def test_nothing_leaves_its_physical_reach(rng):
     base = QuarterCarBaseline(BENCH)
     noise = recorded(BENCH, rng, 1.0)
@@ -182,6 +184,7 @@ def test_the_other_motion_alone_tells_where_it_starts(rng):
     np.testing.assert_array_equal(CarCore(CAR)(Signals(PERIOD, inputs, s.output + 0.01))[0], 0.01)
 
 
+@pytest.mark.seconds
 def test_the_bench_car_stays_a_bench_car(shared_data):
     records = [r.slice(0, 5000).with_roles({"actuator": "actuator force"}).flip("actuator force")
                for r in lpv.read(str(shared_data / "quarter_car_rig" / "run*.csv"))]

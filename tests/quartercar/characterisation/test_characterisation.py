@@ -59,6 +59,7 @@ def dyno() -> qc.characterisation.Characterisation:
     return qc.characterise(records, CharacteriseSettings(speeds=(0.05, 0.1, 0.13, 0.26, 0.3, 0.52, 0.6, 1.05)))
 
 
+@pytest.mark.seconds
 def test_forces_at_the_speed_of_a_test_are_those_of_the_law_within_one_newton(dyno):
     rows = [f for f in dyno.given if f.speed in (0.1, 0.13, 0.3, 0.6)]
     assert len(rows) == 16
@@ -105,6 +106,7 @@ def test_half_the_unequal_damping_of_a_fast_run_is_not_printed_as_gas_force():
     assert not any(line.strip().startswith("gas ") for line in str(found).splitlines())
 
 
+@pytest.mark.seconds
 def test_slow_tests_state_their_sign_and_the_level_of_the_command():
     """Compression is damped less than rebound: the mean of both directions is +0.5·(c_r − c_c)·v, in newtons."""
     t, rng, records = np.arange(0, 12.0, 2e-3), np.random.default_rng(1), []
@@ -179,6 +181,7 @@ def test_ratio_spread_and_what_gas_takes_away(dyno):
     assert ends[0.0].share == 0 and ends[1.2].share == 1
 
 
+@pytest.mark.seconds
 def test_the_place_of_a_middle_current():
     rig = Rig(sensors=Sensors.perfect(), sample_rate=512.0, oversampling=8)
     found = qc.characterise(rig.run_all(sine(0.3, (0.0, 0.6, 1.2), 4.0)), CharacteriseSettings(speeds=(0.3,)))
@@ -223,6 +226,7 @@ def stepped() -> list[lpv.Record]:
     return [rig.run(Experiment("switch", Triangle(0.03, 0.1 / 0.12, 40.0), Prbs(0.12, 0.0, 2.0, 7), 6.0), 3)]
 
 
+@pytest.mark.seconds
 def test_switching_time_within_a_fifth_of_a_millisecond(stepped):
     found = qc.characterise(stepped)
     assert len(found.switching) == 4
@@ -255,6 +259,7 @@ def test_steps_in_a_moving_speed_are_refused_with_the_reason():
     assert found.histograms and not found.forces
 
 
+@pytest.mark.seconds
 def test_temperature_coefficient_of_a_fading_damper():
     """Viscous fade exp(−k ΔT): d ln F/dT = −k."""
     rig = Rig(RigDamper.viscous_only(3000.0), Sensors.perfect(), (effect("viscous-fade", rate=0.02),),
@@ -306,6 +311,7 @@ def three_specimens() -> list[lpv.Record]:
     return records
 
 
+@pytest.mark.seconds
 def test_specimens_spread_and_bands(three_specimens):
     settings = CharacteriseSettings(speeds=(0.3,), specimen=r"(S\d+)_")
     found = qc.characterise(three_specimens, settings, tolerance=Tolerance.parse("6.2%+1N"))
@@ -320,6 +326,7 @@ def test_specimens_spread_and_bands(three_specimens):
     assert "outside the tolerance band" in found.verdict
 
 
+@pytest.mark.seconds
 def test_the_sign_of_rebound_changes_tables_and_bands_alike(three_specimens, tmp_path):
     from quartercar.characterisation.tables import forces_csv, write_tables
 
@@ -346,6 +353,7 @@ def test_units_of_the_input_change_nothing():
     assert [f.force for f in b.given] == pytest.approx([f.force for f in a.given], rel=1e-6)
 
 
+@pytest.mark.seconds
 def test_velocity_alone_will_do_and_reversed_polarity_is_stated():
     record = Rig(sample_rate=512.0, oversampling=4).run(sine(0.3, (0.0,), 6.0))
     bare = lpv.Record({n: record.channels[n] for n in ("velocity", "force")}, sample_time=record.sample_time)
@@ -432,6 +440,7 @@ def test_three_creeping_cycles_from_any_place_of_the_stroke_give_gas_and_frictio
     assert slow.rate == pytest.approx(3000.0, rel=0.02)
 
 
+@pytest.mark.seconds
 def test_the_text_says_what_a_fast_test_leaves_in_gas_and_friction():
     """A damping of 1200 N·s/m outwards and 720 inwards: 240 N·s/m of mean speed over the inner 80 % of the stroke."""
     t = np.arange(0.0, 6.0, 1e-3)
@@ -461,6 +470,7 @@ def record(t, x, force, name="run"):
                       units={"displacement": "m", "force": "N"})
 
 
+@pytest.mark.seconds
 def test_the_elastic_stiffness_is_not_that_of_the_noise_and_its_error_is_of_the_right_size():
     """Dashpot, dry friction and a spring of 1500 N/m at 4 Hz: K' is 2 % of |K*|; a slope fitted in a cycle took it."""
     t = np.arange(0, 4.0, 1e-3)
@@ -484,6 +494,7 @@ def test_the_work_of_a_coarsely_sampled_sine_is_not_that_of_the_polygon_in_it():
     assert loop.energy == pytest.approx(np.pi * 1000 * 16 * np.pi * 0.02**2, rel=1e-3)
 
 
+@pytest.mark.seconds
 def test_a_speed_beyond_the_slow_test_is_read_from_the_faster_one():
     """The slow sine reaches 0.1257 m/s; read from it, 0.13 m/s was off by 40 N in 1700 and its branches by 1800 N."""
     rng, records = np.random.default_rng(1), []
@@ -530,6 +541,7 @@ def test_a_delay_of_an_unknown_channel_or_of_a_stroke_is_refused():
         qc.characterise(wave, CharacteriseSettings(delays={"force": 1.2}))
 
 
+@pytest.mark.seconds
 def test_records_of_two_settings_are_not_one_damper():
     """Two clicker settings at one speed: the forces table took one of them and printed ± 0.3 N."""
     t = np.arange(0, 6.0, 2e-3)
@@ -605,6 +617,7 @@ def test_a_rest_between_two_tests_of_one_stroke_belongs_to_neither():
         assert f.force == pytest.approx(f.direction * 2000.0 * f.speed, abs=2.0), f
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("periodic", [True, False])
 def test_a_force_at_the_end_of_its_range_is_not_given(periodic):
     rate, rng = 500.0, np.random.default_rng(4)
@@ -624,6 +637,7 @@ def test_a_force_at_the_end_of_its_range_is_not_given(periodic):
     assert len(whole.given) == 2 and not whole.data.caveats
 
 
+@pytest.mark.seconds
 def test_forces_of_a_strut_are_written_out():
     record = moved([0.04 * np.sin(np.arange(0, 30, 0.01))], 100.0, lambda v: 20e3 * np.tanh(v / 1e-3) - 3e3)
     found = qc.characterise(record, CharacteriseSettings(speeds=(0.04,)))
@@ -631,6 +645,7 @@ def test_forces_of_a_strut_are_written_out():
     assert "e+04" not in render(found.page())
 
 
+@pytest.mark.seconds
 def test_tests_of_one_speed_and_two_frequencies_are_not_called_two_dampers_only():
     """A mass of 12 kg beside a damper: at 0.2 m/s and 2 or 30 Hz the force differs."""
     rate, parts = 2000.0, []
@@ -663,6 +678,7 @@ def test_a_slow_test_whose_force_is_damping_does_not_give_friction(damping, fric
         assert "friction at most" in str(found)
 
 
+@pytest.mark.seconds
 def test_a_record_with_missing_samples_is_one_record_in_pieces():
     t = np.arange(0, 12.0, 2e-3)
     x = 0.02 * np.sin(2 * np.pi * t)

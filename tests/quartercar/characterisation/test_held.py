@@ -38,6 +38,7 @@ def held(levels, cycles: float) -> np.ndarray:
 SETTINGS = CharacteriseSettings(speeds=(0.1, 0.2))
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize(("levels", "cycles"), [((0, 0.5, 1.0), 5.3), ((0, 1, 0.5, 0, 1, 0.5), 3.1),
                                                 (tuple(np.arange(0, 3.05, 0.3)), 4.0)])
 def test_every_held_level_has_its_forces(rng, levels, cycles):
@@ -51,6 +52,7 @@ def test_every_held_level_has_its_forces(rng, levels, cycles):
     assert any("held over several cycles" in note for note in found.data.notes)
 
 
+@pytest.mark.seconds
 def test_one_record_of_three_levels_is_read_like_three_records(rng):
     together = qc.characterise([driven(held((0, 0.5, 1.0), 6.0), "all", rng)], SETTINGS)
     apart = qc.characterise([driven(held((i,), 6.0), f"at {i}", rng) for i in (0, 0.5, 1.0)], SETTINGS)
@@ -63,6 +65,7 @@ def test_one_record_of_three_levels_is_read_like_three_records(rng):
     assert characterisation_page(together)
 
 
+@pytest.mark.seconds
 def test_a_level_has_the_time_of_its_own_cycles_and_the_page_names_what_is_left_out(rng):
     found = qc.characterise([driven(np.concatenate([held((0,), 4.0), held((1.0,), 8.0)]), "two", rng)], SETTINGS)
     rows = {r["current"]: r["duration"] for r in found.to_dict()["records"]}
@@ -77,12 +80,14 @@ def test_a_level_has_the_time_of_its_own_cycles_and_the_page_names_what_is_left_
     assert "after a step of the current" not in render(characterisation_page(alone, ()))
 
 
+@pytest.mark.seconds
 def test_a_held_level_is_the_one_of_a_record_at_constant_current(rng):
     found = qc.characterise([driven(held((0, 0.5, 1.0), 5.0), "staircase", rng),
                              driven(held((1.003,), 8.0), "constant", rng)], SETTINGS)
     assert len(found.data.levels) == 3
 
 
+@pytest.mark.seconds
 def test_levels_on_both_sides_of_a_record_at_constant_current_make_one_test_at_its_level(rng):
     """Of 2 A two per cent: 0.97 A and 1.03 A are two levels, and either is that of a record at 1 A."""
     found = qc.characterise([driven(held((0.97, 1.03, 2.0), 5.0), "staircase", rng),
@@ -107,6 +112,7 @@ def test_a_current_that_creeps_or_steps_within_a_cycle_is_held_nowhere(rng, curr
     assert not found.given
 
 
+@pytest.mark.seconds
 def test_the_first_cycle_of_a_hold_is_left_out_of_means(rng):
     """A current that takes 0.1 s to the force: the cycle after the step is another one."""
     current = held((0, 1.0), 6.0)
@@ -120,6 +126,7 @@ def test_the_first_cycle_of_a_hold_is_left_out_of_means(rng):
     assert top[0].force == pytest.approx(steady_force(0.2, 1.0), rel=0.01)
 
 
+@pytest.mark.seconds
 def test_a_ripple_of_the_driver_is_no_other_level(rng):
     """A square ripple of 5 % at 317 Hz, as a pulse-width modulated voltage has; decimation takes it off."""
     current = np.repeat([1.0, 0.5, 1.0, 2.0], 4000)

@@ -45,6 +45,7 @@ def texts_of(page, figures) -> str:
     return "\n".join(parts)
 
 
+@pytest.mark.thinned(2, "seconds")
 def test_a_voltage_is_called_a_voltage(driven_at):
     unit, found = driven_at
     figures = figures_of(found)
@@ -54,6 +55,7 @@ def test_a_voltage_is_called_a_voltage(driven_at):
     assert not re.search(rf"\b{other}", text.replace("the yield force", ""))
 
 
+@pytest.mark.thinned(2, "seconds")
 def test_the_legend_of_the_loops_runs_from_soft_to_hard(driven_at):
     unit, found = driven_at
     (loops,) = (shown for shown in figures_of(found) if shown.name == "force_displacement")

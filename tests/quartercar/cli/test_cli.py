@@ -49,6 +49,7 @@ def test_version_and_help():
     assert "rig" in shown and "demo" in shown and "Exit codes" in shown
 
 
+@pytest.mark.seconds
 def test_rig_writes_records(records):
     assert sorted(p.name for p in records.iterdir() if p.name[0] != ".") == [
         "report.html", "sine-r0.csv", "test-1-r0.csv", "test-1-r1.csv"]
@@ -60,6 +61,7 @@ def test_rig_writes_records(records):
     assert amplitude == pytest.approx(0.01, rel=0.02)
 
 
+@pytest.mark.seconds
 def test_rig_is_repeatable(records, tmp_path):
     (tmp_path / "plan.toml").write_text(PLAN)
     described = json.loads(run("rig", tmp_path / "plan.toml", "--out", tmp_path / "again", "--json").stdout)
@@ -73,6 +75,7 @@ def test_records_go_through_lpvid(records):
     assert result.exit_code == 0 and len(json.loads(result.stdout)["records"]) == 3
 
 
+@pytest.mark.seconds
 def test_template_is_a_plan(tmp_path):
     text = run("rig", "--template").stdout
     (tmp_path / "plan.toml").write_text(text.replace('duration = "30 s"', 'duration = "1 s"').replace(

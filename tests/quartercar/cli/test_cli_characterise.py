@@ -48,6 +48,7 @@ def written(tmp_path_factory) -> tuple[Path, str]:
     return folder / "out", run(csv_of(folder / "run.csv", motion()), "--out", folder / "out").stdout
 
 
+@pytest.mark.seconds
 def test_it_writes_tables_json_figures_and_a_report(written):
     out, shown = written
     names = {p.name for p in out.iterdir() if p.name[0] != "."}
@@ -79,6 +80,7 @@ def test_the_report_says_what_to_run(written):
     assert "missing:" in shown
 
 
+@pytest.mark.seconds
 def test_options_change_what_they_say(tmp_path):
     file = csv_of(tmp_path / "S1_a.csv", motion())
     other = csv_of(tmp_path / "S2_a.csv", {**motion(), "force [N]": 1.1 * motion()["force [N]"]})
@@ -90,6 +92,7 @@ def test_options_change_what_they_say(tmp_path):
     assert all((c["force"] < 0) == (c["direction"] == 1) for c in found["tolerance"])
 
 
+@pytest.mark.seconds
 def test_a_nominal_table_of_an_earlier_run(written, tmp_path):
     out, _ = written
     file = csv_of(tmp_path / "run.csv", {**motion(), "force [N]": 1.04 * motion()["force [N]"]})
@@ -236,6 +239,7 @@ def test_a_heated_damper_fades(shared_data):
         assert d.change == pytest.approx(line[0] * 94 / peak.mean(), abs=0.02)
 
 
+@pytest.mark.seconds
 def test_results_never_replace_the_data_that_were_read(tmp_path):
     data = csv_of(tmp_path / "forces.csv", motion())
     before = data.read_bytes()

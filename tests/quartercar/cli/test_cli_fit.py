@@ -132,6 +132,7 @@ def test_channels_of_other_names(files, tmp_path):
     assert roles["models"][0]["parameters"] == renamed["models"][0]["parameters"]
 
 
+@pytest.mark.seconds
 def test_a_voltage_stands_in_and_it_says_so(files, tmp_path):
     (tmp_path / "v.csv").write_text(files[0].read_text().replace("current [mA]", "voltage [mV]"))
     shown = run(tmp_path / "v.csv", "--models", "guo").stdout
@@ -253,6 +254,7 @@ def test_real_random_data(shared_data):
     assert any("decimated by 6" in n for n in described["notes"]) and any("voltage" in n for n in described["notes"])
 
 
+@pytest.mark.seconds
 def test_published_parameters_on_real_data(shared_data, tmp_path):
     """Fourteen published Bouc-Wen parameters of the very prototype, not fitted: ESR about 0.055 on the raw record."""
     from quartercar.dampers import BoucWen
@@ -267,17 +269,20 @@ def test_published_parameters_on_real_data(shared_data, tmp_path):
     assert "extrapolates" in row["flags"]  # the driver's command leaves 0 to 2.25 V now and then
 
 
+@pytest.mark.seconds
 def test_a_budget_too_small_for_any_model_names_its_mend(files):
     message = run(files[0], "--models", "wang-kamath", "--budget", 1, code=2).stderr
     assert "not done within --budget 1 s" in message and "Mend: a larger --budget" in message
 
 
+@pytest.mark.seconds
 def test_what_a_budget_does_not_cover_is_stated(files):
     shown = run(files[0], "--models", "linear", "--budget", 60)
     assert re.search(r"--budget 60: reading [\d.]+ s, fits and their comparison [\d.]+ s, report [\d.]+ s",
                      shown.stderr)
 
 
+@pytest.mark.thinned(3, "seconds")
 @pytest.mark.parametrize(("columns", "sign", "stated", "absent"), [
     ("displacement [mm],velocity [mm/s],force [kN]", 1.0, "--controller passive --out ride", "compare control laws"),
     ("displacement [mm],velocity [mm/s],force [kN]", -1.0, "fit again with --flip force", "quartercar ride"),

@@ -307,6 +307,7 @@ def test_several_roads_in_one_word_as_the_help_shows(tmp_path):
     assert len(roads_from_texts([f"{tmp_path / 'a,b.csv'}@10"])) == 1
 
 
+@pytest.mark.seconds
 def test_a_damper_without_current_rides_alike_and_the_result_states_it(tmp_path):
     lpv.save(Guo(values={"yield_force": 200.0, "post_yield_damping": 900.0}, hysteresis=False), tmp_path / "guo.json")
     (tmp_path / "bump.toml").write_text('seeds = 1\n[[roads]]\nkind = "bump"\nduration = 1.0\n')
@@ -321,6 +322,7 @@ def test_a_damper_without_current_rides_alike_and_the_result_states_it(tmp_path)
     assert all(r["figures"]["at_limits"]["mean"] is None for r in described["rides"])
 
 
+@pytest.mark.seconds
 def test_a_track_of_centimetres_and_a_body_of_grams_are_remarked(tmp_path):
     (tmp_path / "short.csv").write_text("distance [m],height [mm]\n0,0\n0.01,1\n0.02,0\n")
     (tmp_path / "ride.toml").write_text("""
@@ -383,6 +385,7 @@ def test_a_configuration_that_is_not_there_is_named_once(tmp_path):
     assert message.startswith("error: cannot read '") and message.count("nowhere.toml") == 1
 
 
+@pytest.mark.seconds
 def test_the_current_of_the_passive_car_is_stated(tmp_path):
     """What laws gain over it depends on it: at 0 A the embedded damper's passive car rides as well as SH-ADD."""
     (tmp_path / "ride.toml").write_text(QUICK.replace('fixed_current = 0.0', 'fixed_current = "400 mA"'))

@@ -85,6 +85,7 @@ def test_every_law_comes_back(name: str, tmp_path: Path) -> None:
     assert model_hash(damper.replace(metadata={})) == model_hash(damper)
 
 
+@pytest.mark.thinned(6, "seconds")
 @pytest.mark.parametrize("name", list(SAMPLED))
 def test_every_sampled_damper_comes_back(name: str, fitted: dict[str, Damper], tmp_path: Path) -> None:
     damper = fitted[name]

@@ -208,6 +208,7 @@ def test_given_share_follows_the_last_sample() -> None:
 
 
 # -- a design ----------------------------------------------------------------------------------------------------------
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("law", [LpvHinf(), LpvHinfClipped(measured="stroke-body")],
                          ids=["observed", "sensors"])
 def test_no_controller_moves_the_invariant_point(law) -> None:
@@ -218,6 +219,7 @@ def test_no_controller_moves_the_invariant_point(law) -> None:
         np.testing.assert_allclose(at, MEGANE.tyre_stiffness / MEGANE.sprung_mass, rtol=2e-2)
 
 
+@pytest.mark.seconds
 def test_passive_gains_are_the_golden_numbers() -> None:
     # equation sheet 6.10, c = 1500
     found = design(CAR, LpvHinfClipped())
@@ -300,6 +302,7 @@ def test_the_command_writes_a_controller_that_rides(folder: Path) -> None:
     assert json.loads(run.stdout)["rides"][0]["controller"] == "controller"
 
 
+@pytest.mark.seconds
 def test_the_commands_exit_codes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runner = CliRunner()
     assert runner.invoke(app, ["design", "--template"]).stdout == design_template()

@@ -58,6 +58,7 @@ def seen(run, k: int) -> dict[str, np.ndarray]:
 
 
 # -- the synthesis -----------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_a_design_that_was_sent_does_not_study_the_damper_anew(task: DamperTask,
                                                                monkeypatch: pytest.MonkeyPatch) -> None:
     wanted = task.embedded
@@ -87,6 +88,7 @@ def test_the_gain_is_certified_for_every_share(task: DamperTask) -> None:
     assert worst <= result.gamma_lower * (1 + 1e-6) <= result.gamma_verified
 
 
+@pytest.mark.seconds
 def test_a_demand_that_is_met_makes_the_gain_smaller(found: IdentifiedDesign) -> None:
     curves = dict(found.gains)
     for name, curve in found.passive_gains.items():
@@ -95,6 +97,7 @@ def test_a_demand_that_is_met_makes_the_gain_smaller(found: IdentifiedDesign) ->
 
 
 # -- the law -----------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_its_states_are_those_of_the_plant_along_a_run(task: DamperTask) -> None:
     # the nonlinear car under random currents: damper states, added force and force, against the plant's own trajectory
     rng = np.random.default_rng(2)

@@ -102,6 +102,7 @@ def test_the_other_network_has_the_force_of_its_equation() -> None:
 
 
 # -- closed forms and a stiff solver -----------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_the_share_of_a_valve_follows_its_second_order_equation() -> None:
     s, c = signals(n=1024), 1500.0
     share, frequency, damping = 0.6, 40.0, 0.3

@@ -186,6 +186,7 @@ class TestSecondOrder:
 
 
 class TestResonance:
+    @pytest.mark.seconds
     def test_a_force_that_follows_a_held_current_jumps_where_the_current_does(self) -> None:
         s = road_like(2, 1024)
         current = s["current"]

@@ -31,6 +31,7 @@ def test_heat_under_constant_power_approaches_power_times_cooling_time() -> None
     np.testing.assert_allclose(heat, DAMPING * 0.04 * cooling * (1 - np.exp(-s.times / cooling)), rtol=1e-10)
 
 
+@pytest.mark.seconds
 def test_heat_along_a_road_against_a_dense_solver() -> None:
     s, cooling = road_like(5, 2048), 3.0
     power = np.maximum(viscous(s) * s["velocity"], 0.0)

@@ -123,6 +123,7 @@ def test_dampers_without_a_step_go_to_model_exchange(damper):
     assert EXPORTER.flow(Guo(), Options()) is None
 
 
+@pytest.mark.seconds
 def test_rates_of_a_flow_move_its_states():
     """The trajectory along which rates are compared is no rest."""
     _, states = EXPORTER.flow(BoucWen(**RANGE), Options()).trial()
@@ -239,6 +240,7 @@ def test_a_compiled_law_with_a_register_agrees():
     assert run_self_test(c_files(export(ahead("preview-lpv", 69)))).error < 1e-9
 
 
+@pytest.mark.seconds
 def test_the_command_exports_a_law_with_a_register(tmp_path):
     from typer.testing import CliRunner
 
@@ -303,6 +305,7 @@ def test_a_scheduled_controller_in_the_loop_agrees(rng):
                  ) < 1e-10
 
 
+@pytest.mark.seconds
 def test_the_command_exports_a_loop_law(tmp_path):
     from typer.testing import CliRunner
 

@@ -95,6 +95,7 @@ class FmuStepper(DamperStepper):
         self._slave.close()
 
 
+@pytest.mark.seconds
 def test_a_damper_fmu_in_a_quarter_car_drives_like_the_damper(monkeypatch, tmp_path):
     damper = identified_damper()
     car = QuarterCar(MEGANE, damper)
@@ -116,6 +117,7 @@ def test_a_damper_fmu_in_a_quarter_car_drives_like_the_damper(monkeypatch, tmp_p
     assert np.abs(own["damper_force"]).max() > 100
 
 
+@pytest.mark.seconds
 def test_a_loop_law_fmu_commands_like_the_chain_of_a_ride(tmp_path):
     """Readings of a car on a road, sensors with noise: the same current, sample for sample."""
     damper = identified_damper()

@@ -48,6 +48,7 @@ def test_the_identity_is_exact(order: int, slope: float, affine: float, form: st
         assert len(embedding.names) == (3 if slope else 2)
 
 
+@pytest.mark.seconds
 def test_outputs_are_those_of_the_run() -> None:
     law = damper(2, affine=-10.0)
     run = QuarterCar(MEGANE, law, lift_off=False).run(*_long(600))
@@ -162,6 +163,7 @@ def test_a_damper_that_does_not_act_at_once_needs_no_ramp() -> None:
         RampedDamper(MEGANE, LpvArx(order=1, stored=Held(late.replace(b=b), ONE).to_dict()))
 
 
+@pytest.mark.seconds
 def test_runs_side_by_side_are_those_of_each_car_alone() -> None:
     law = damper(2, 0.008, -15.0)
     car = QuarterCar(MEGANE, law, lift_off=False)
@@ -181,6 +183,7 @@ def test_a_run_that_leaves_all_bounds_is_named() -> None:
         driven(MEGANE, gives, (0.0, 2.0))
 
 
+@pytest.mark.seconds
 def test_currents_outside_the_fit_are_stated() -> None:
     law = identified_damper()
     assert law.current_range is not None

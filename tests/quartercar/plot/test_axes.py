@@ -80,10 +80,12 @@ def drawings() -> dict[str, Callable[[Any], Any]]:
     }
 
 
+@pytest.mark.seconds
 def test_every_function_is_among_them(drawings):
     assert set(plot.__all__) - {"livelier"} <= set(drawings)
 
 
+@pytest.mark.thinned(16, "seconds")
 @pytest.mark.parametrize("name", [
     "experiments", "loops_by_current", "overview", "ranking", "experiments_by_model", "force_over_time",
     "force_over_velocity", "force_velocity_fan", "trade_offs", "over_time", "spectra", "weights", "gains",

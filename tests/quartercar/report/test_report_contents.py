@@ -73,6 +73,7 @@ def test_units_of_spectra_are_those_of_print(ridden):
     assert labels[3:6] == ["gain [(m/s²)/m]", "gain [N/m]", "gain [m/m]"]
 
 
+@pytest.mark.seconds
 def test_names_of_laws_lie_on_neither_their_bars_nor_each_other():
     """Twelve laws close together, some beyond the frame: each name clear of its own bar, and of every other name."""
     figure, axes = panels(1, width=5.0, height=3.4)

@@ -239,6 +239,7 @@ def test_mpc_needs_limits_a_damper_and_a_horizon():
         laws.Predictive().start(replace(SETTING, damper=None))
 
 
+@pytest.mark.seconds
 def test_a_law_is_given_what_the_observer_leaves():
     """Covariance of the estimates and the road that the observer is made for; exact states leave the road alone."""
     seen: list[Setting] = []
@@ -282,6 +283,7 @@ def test_mpc_stays_within_the_limits_and_uses_the_road_it_is_given():
     assert seeing.plan.max() > 0.5 > blind.plan.max()
 
 
+@pytest.mark.seconds
 def test_the_horizon_covers_the_preview():
     """At 8 m/s 2.7 m are 0.34 s; of the bump 0.15 s of them left the tyre load where it was."""
     law = laws.Predictive()

@@ -138,6 +138,7 @@ def test_limits_that_can_be_met_are_met():
     assert found.figures.comfort < 0.96 * rode.figures.comfort
 
 
+@pytest.mark.seconds
 def test_where_the_current_changes_nothing_the_certificate_closes():
     """A viscous damper of 1500 to 1500.5 N·s/m: passive is the optimum but for 1e-4, and the relaxation proves it."""
     values = {"yield_force_at_low": 0.0, "yield_force_at_high": 0.0, "post_yield_damping_at_low": 1500.0,

@@ -50,6 +50,7 @@ def car(damper=None, coil: Coil = COIL) -> QuarterCar:
 
 
 # -- the loop ----------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_a_constant_current_is_the_car_without_a_loop():
     found = ride(car(), SHORT, Passive(values={"fixed_current": 0.7}), seed=3)
     z = SHORT.profile(0.002, 3)
@@ -125,6 +126,7 @@ def test_semi_active_control_beats_every_fixed_current():
     assert points["4"][1] < min(points[str(k)][1] for k in range(4))
 
 
+@pytest.mark.seconds
 def test_what_is_not_measured_is_named():
     sensors = MeasurementSet("no-stroke", (BODY, Sensor("suspension_velocity"), Sensor("suspension_deflection")))
     settings = RideSettings(ChainSettings(sensors=sensors), sample_time=0.004)
@@ -144,6 +146,7 @@ def test_a_coil_without_limits_is_refused():
         ride(car(coil=Coil()), SHORT, Skyhook())
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("damper", [None, Linear(values={"damping": 1500.0})])
 def test_a_car_without_a_current_needs_no_coil(damper):
     """Its rides are those with a coil, whose command changes nothing, and no command stands at a limit."""
@@ -216,6 +219,7 @@ def test_energy_from_nowhere_is_seen():
     assert "GAVE" in str(found)
 
 
+@pytest.mark.seconds
 def test_a_series_spring_keeps_what_it_stores():
     """Maxwell element, c in series with k: dissipated = ∫F²/c dt."""
     k, c, period = 2e5, 1500.0, 1 / 512
@@ -285,6 +289,7 @@ def comparison():
     return compare_rides(car(), [SHORT, Bump(duration=1.5)], laws, range(4), COARSE)
 
 
+@pytest.mark.seconds
 def test_rows_are_the_rides(comparison):
     row = comparison.row("skyhook", SHORT.name)
     alone = drive(car(), SHORT, [Skyhook()] * 4, range(4), COARSE)
@@ -382,6 +387,7 @@ def test_tuning_is_repeatable_and_its_figure_is_that_of_its_rides():
     assert all(r.figures.space_used is not None and r.figures.space_used < 1 for r in rides)
 
 
+@pytest.mark.seconds
 def test_the_passive_car_at_its_lowest_current_is_the_unit():
     found = trial().costs([Passive(values={"fixed_current": 0.0})], trial().references())
     assert found[0] == pytest.approx(1.0)

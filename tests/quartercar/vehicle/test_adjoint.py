@@ -80,6 +80,7 @@ def test_its_gradient_is_that_of_finite_differences(car: QuarterCar, case):
     assert gradient[-1] == 0  # the last command acts on nothing
 
 
+@pytest.mark.seconds
 def test_figures_are_those_of_the_criteria_with_their_gradients():
     car = QuarterCar(MEGANE, identified_damper(), BumpStops(), Coil(highest=2.5))
     elevation, rng = IsoRoad("C", 20.0, 1.0).profile(1 / 512, 2), np.random.default_rng(2)

@@ -158,6 +158,7 @@ def test_iso_class_b_at_20_metres_per_second(rng):
     assert load == pytest.approx(418.3, rel=0.01)
 
 
+@pytest.mark.seconds
 def test_iso_class_b_without_chance(rng):
     # white velocity as a periodic sum of cosines of equal amplitude: only the phases are drawn
     n = 1 << 16
@@ -198,6 +199,7 @@ def test_belgian_blocks(shared_data: Path):
 
 
 # -- the nonlinear car -------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_against_scipy_with_every_nonlinearity_at_work():
     law = Guo(current_range=(0.0, 2.0))
     car = QuarterCar(MEGANE, law, BumpStops(1e5, 0.03, 0.04), longest_step=1e-4)
@@ -318,6 +320,7 @@ def test_every_damper_gives_its_own_response_inside_the_car(name: str):
     assert abs(balance.gap) < 5e-3 * np.abs([balance.road, balance.damper, balance.stored]).max()
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize("name", ["bouc-wen", "wang-kamath"])
 def test_steps_from_the_rates_alone_agree_with_the_compiled_ones(name: str):
     damper = truth(name)

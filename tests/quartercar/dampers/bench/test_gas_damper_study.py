@@ -159,6 +159,7 @@ def test_too_few_speeds_are_refused(rng: np.random.Generator) -> None:
         fit_ramps(ramps(rng)[:2])
 
 
+@pytest.mark.seconds
 def test_the_virtual_rig_and_a_law_of_another_shape() -> None:
     # the rig's damper has gas 180 N and 500 N/m, and a knee of its yield force that is no power law
     off = Constant(levels=(0.0,))

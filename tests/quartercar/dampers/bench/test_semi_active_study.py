@@ -36,6 +36,7 @@ def test_the_papers_plan_holds_every_kind_of_record() -> None:
     assert (kinds.slow, kinds.constant, kinds.switching) == ((0,), {0: (1,), 1: (2,), 2: (3,)}, (4,))
 
 
+@pytest.mark.seconds
 def test_the_explicit_step_converges_to_a_tight_integration_where_it_is_stable() -> None:
     damper = blunt()
     record = measured(damper, "sine", 0.0, "sine", 0.02, 0.1, 1.0, np.random.default_rng(0))

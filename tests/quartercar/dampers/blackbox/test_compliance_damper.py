@@ -82,6 +82,7 @@ def test_spring_law_and_gas_come_back_from_reversed_data() -> None:
     assert validated.overall.one_step.esr < validated.overall.free_run.esr
 
 
+@pytest.mark.seconds
 def test_work_of_a_cycle_against_the_law() -> None:
     """At 0.5 Hz the spring hardly matters: W = ∮F_s(v) v dt of the static law."""
     found = Compliance(lags=1).estimate([measured(0)], FitSettings()).damper
@@ -131,6 +132,7 @@ def test_refusals() -> None:
         Compliance(lags=1).estimate([giving], FitSettings())
 
 
+@pytest.mark.seconds
 def test_velocities_held_one_after_the_other_take_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Oracle: the same in one run. 800 velocities that settle slowly took 600 MB, whatever the records' length."""
     t = np.arange(800) / 500.8

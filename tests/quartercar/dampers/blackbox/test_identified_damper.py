@@ -47,6 +47,7 @@ def test_it_runs_along_records_as_the_model_itself(kind):
     np.testing.assert_allclose(lpv.simulate(back, record).output, wanted.output, rtol=0, atol=1e-4)
 
 
+@pytest.mark.thinned(13, "seconds")
 def test_it_comes_back_from_a_file_of_either_kind(kind, tmp_path):
     found, record = model(kind), run(1, mean=0.3)
     first = load_damper(lpv.save(found, tmp_path / "model.json"))
@@ -94,6 +95,7 @@ def test_it_stands_still_in_a_car_at_rest(kind):
     assert gap < 2.0
 
 
+@pytest.mark.thinned(13, "seconds")
 def test_cars_side_by_side_do_what_one_does(kind):
     damper = Identified.of(model(kind))
     one = car(damper).run(ROAD, 1 / RATE, VOLTS)

@@ -70,6 +70,7 @@ def test_a_known_shape_and_filter(shape: str) -> None:
         assert damper.values["shape_upper"] == pytest.approx(0.1, abs=0.02)
 
 
+@pytest.mark.seconds
 def test_without_current_it_is_a_hammerstein_model() -> None:
     training = data(0, "tanh", constant=True)
     damper = LpvArx.suited(Facts.of([training]))
@@ -157,6 +158,7 @@ def test_shape_lag_and_filter_are_recovered_with_honest_intervals() -> None:
     assert 0.85 <= np.mean(inside) <= 1.0
 
 
+@pytest.mark.thinned(2, "seconds")
 @pytest.mark.parametrize(("cubic", "why"), [(60.0, "is beyond the data"), (0.0, "not determined by these data")])
 def test_a_knee_beyond_the_speeds_of_the_records_is_undetermined(cubic: float, why: str) -> None:
     """In motion of up to 0.13 m/s: with a cubic term any knee far beyond serves as well, without one any at all."""

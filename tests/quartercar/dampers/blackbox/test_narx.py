@@ -190,6 +190,7 @@ def test_work_of_a_cycle_against_the_loop() -> None:
     assert found.energy_per_cycle(size, f, 1.0) == pytest.approx(work, rel=1e-4)
 
 
+@pytest.mark.seconds
 def test_reversed_polarity_and_moved_zero() -> None:
     straight = estimated(Narx2(degree=1), [record()]).damper
     moved = record(turn=-1.0)
@@ -203,6 +204,7 @@ def test_reversed_polarity_and_moved_zero() -> None:
     assert lpv.validate(turned, moved).overall.free_run.esr < 1e-9
 
 
+@pytest.mark.seconds
 def test_fit_reports_free_run_figures() -> None:
     found = fit(Narx2(degree=1), record(noise=0.02), record(seed=3, noise=0.02))
     assert found.held_out is not None and found.held_out.esr is not None

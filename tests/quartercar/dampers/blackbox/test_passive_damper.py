@@ -41,6 +41,7 @@ def passive(runs) -> LpvArx:
     return found.damper
 
 
+@pytest.mark.seconds
 def test_the_setting_is_kept_and_the_damper_certified(passive):
     again = type(passive).from_dict(passive.to_dict())
     assert again.passive and certificate_for(again).verified

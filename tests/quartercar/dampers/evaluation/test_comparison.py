@@ -56,6 +56,7 @@ def found():
                     guo_record(seed=4, name="test-2-r0")])
 
 
+@pytest.mark.seconds
 def test_the_truth_comes_first_and_reaches_the_noise(found):
     """With Guo's law as truth its held-out ESR is noise variance over force variance, to within sampling error."""
     assert found.best.name == "guo"
@@ -245,6 +246,7 @@ def test_mixed_polarity_is_one_error_that_names_the_files():
 
 
 # -- preparing --------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_a_lone_voltage_stands_for_the_current():
     plain = guo_record()
     other = Record({"voltage": plain["current"], **{n: plain[n] for n in ("displacement", "velocity", "force")}},
@@ -502,6 +504,7 @@ def test_the_work_of_a_fit_is_weighed_as_it_was_measured() -> None:
     assert {n: m for n, m in MEASURED.items() if not 0.25 < expected[n] / m < 4} == {}
 
 
+@pytest.mark.seconds
 def test_a_budget_leaves_out_what_is_not_done() -> None:
     t = np.arange(1500) / 500
     v = 0.1 * np.sin(12 * t)

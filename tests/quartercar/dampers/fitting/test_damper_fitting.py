@@ -293,6 +293,7 @@ def test_energy_error_is_the_share_of_work_missed() -> None:
     assert found.total.sqrt_sse == pytest.approx(200 * np.linalg.norm(v))
 
 
+@pytest.mark.seconds
 def test_a_constant_that_the_printed_law_lacks_is_told() -> None:
     """Guo's force less 200 N: the law cannot follow, its residual keeps most of that; with the constant it does."""
     v, rng = sweep(), np.random.default_rng(5)
@@ -308,6 +309,7 @@ def test_a_constant_that_the_printed_law_lacks_is_told() -> None:
         assert not any("offset=True" in n for n in fit(given, record(v, data)).notes)
 
 
+@pytest.mark.seconds
 def test_a_fit_that_is_not_passive_is_flagged() -> None:
     v = sweep()
     found = fit(Tanh(), record(v, 1500 * v - 600 * np.tanh(20 * v)))

@@ -54,6 +54,7 @@ def test_the_race_leaves_an_equal_start_about_once_in_a_thousand() -> None:
     assert left <= 4  # 0.13 % of 400 is half a case; five would be beyond the 99.9 % quantile
 
 
+@pytest.mark.seconds
 def test_a_number_without_an_upper_limit_goes_no_farther_than_rounding_can_follow() -> None:
     """The force of a damper in series with a stiff spring grows towards a limit: the least squares lie at infinity."""
     class Problem:

@@ -104,6 +104,7 @@ def test_gas_is_halfway_between_slow_strokes() -> None:
     assert gas_from_slow(device, [drive.head(4000)]) is None  # extension only
 
 
+@pytest.mark.seconds
 def test_gas_of_a_slow_motion_of_changing_speed() -> None:
     """On the virtual rig its viscous part is not taken for a spring; less than half the error without b v."""
     specimen, device = RigDamper(asymmetry=1.0, gas_stiffness=3000.0), map_device()

@@ -101,6 +101,7 @@ def test_the_scale_of_z_that_was_removed_leaves_the_force_unchanged() -> None:
     assert np.abs(one - other).max() < 1e-7 * one.std()
 
 
+@pytest.mark.seconds
 def test_a_moving_current_against_a_tight_integration() -> None:
     """Three states, the command delayed in closed form before it enters."""
     damper = asymmetric(time_constant=0.013, delay=0.0037)

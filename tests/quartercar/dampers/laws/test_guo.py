@@ -231,6 +231,7 @@ def test_real_sines_at_a_current_that_was_not_fitted(shared_data: Path) -> None:
         assert 50 < none < 150 and 900 < full < 1300
 
 
+@pytest.mark.seconds
 def test_real_random_motion_and_switched_voltage(shared_data: Path) -> None:
     [record] = real(shared_data / "mr_damper_random", "*.csv")
     record = resample(record.with_roles({"current": "voltage"}), 500.8)
