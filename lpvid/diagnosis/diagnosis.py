@@ -280,7 +280,7 @@ class Diagnosis(Shown):
     noise_floor : float or None
         Standard deviation of the error that does not repeat [output's unit]; None where nothing repeats.
     noise : mapping
-        Colour of what is left, its level, what repeats, and rms of the error that repeats (lower end of 95 %).
+        Colour of what is left, its level, what repeats, and the 95 % interval of the error that repeats.
     wrong : tuple of ErrorRegime
     causes : tuple of Cause
     rivals : tuple of Rivals

@@ -24,16 +24,16 @@ class NoiseLevel:
     ----------
     variance : float or None
         Of the error that does not repeat: noise, in the output's unit squared; None where nothing repeats.
-    repeating : float
-        Variance of the error that repeats, a misfit whatever its spectrum: the lower end of its 95 % interval over the
-        blocks, at least 0.
+    repeating : (float, float)
+        Root mean square of the error that repeats, a misfit whatever its spectrum, in the output's unit: the ends of
+        its 95 % interval over the blocks.
     samples : int
         Number of samples it was estimated from.
     description : str
     """
 
     variance: float | None
-    repeating: float
+    repeating: tuple[float, float]
     samples: int
     description: str
 
@@ -72,14 +72,14 @@ def noise_level(problem: DiagnosisProblem, channels: Sequence[str], errors: Sequ
         block.append(number[j][inside])
     count = sum(e.size for e in first)
     if count < 2 * SHORTEST:
-        return NoiseLevel(None, 0.0, 0, "no input repeats, so the noise level is only bounded by the best model")
+        return NoiseLevel(None, (0.0, 0.0), 0, "no input repeats, so the noise level is only bounded by the best model")
     one, two = np.concatenate(first), np.concatenate(second)
     _, of_block, samples = np.unique(np.concatenate(block), return_inverse=True, return_counts=True)
     sums = np.bincount(of_block, one * two)
     common = float(sums.sum()) / count
-    deviations = sums - common * samples
-    error = float(np.sqrt(sums.size / max(sums.size - 1, 1) * (deviations @ deviations))) / count
-    return NoiseLevel(float(np.mean((one - two) ** 2)) / 2, max(common - QUANTILE * error, 0.0), count,
+    error = float(np.sqrt(sums.size / max(sums.size - 1, 1) * np.sum((sums - common * samples) ** 2))) / count
+    low, high = np.sqrt(np.maximum([common - QUANTILE * error, common + QUANTILE * error], 0.0)).tolist()
+    return NoiseLevel(float(np.mean((one - two) ** 2)) / 2, (low, high), count,
                       "; ".join(t for *_, t in pairs[:3]) + (" …" if len(pairs) > 3 else ""))
 
 

@@ -370,8 +370,8 @@ def _cannot_tell(found: Diagnosis) -> list[Item]:
 def _data(found: Diagnosis) -> list[Item]:
     noise, stated = found.noise, []
     if noise:
-        repeats = f"; an error of at least {number(noise['repeating'], 3, found.unit)} repeats" \
-            if noise.get("repeating") else ""
+        low, high = noise.get("repeating", (0.0, 0.0))
+        repeats = f"; an error of {number(low, 3)} to {number(high, 3, found.unit)} repeats" if high > 0 else ""
         stated = [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}{repeats}."]
     parameters = found.baseline.get("parameters", [])
     items: list[Item] = [Notes((*stated, *found.notes, f"{found.seconds:.1f} s of computing."))]

@@ -154,13 +154,13 @@ class EvidenceOutcome:
     def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember],
                  level: NoiseLevel, lines: Sequence[ErrorRegime]) -> tuple[str, str]:
         law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after)
-        repeating = float(np.sqrt(level.repeating)) / self.search.data.discrepancy.output_rms
+        repeating, most = (r / self.search.data.discrepancy.output_rms for r in level.repeating)
         foreign = max((float(np.sqrt(x.share)) * left for x in lines), default=0.0)
         structure = f"the error that the inputs predict is {law_error:.1%} of the output"
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
         structure += f"; at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
         shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \
-            "is noise, as repeats show"
+            f"is noise but for at most {most:.1%} that repeats"
         noise = f"; what is left, {left:.1%} of the output, {shown}" if left > ACCEPTABLE_MISFIT else ""
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
@@ -301,7 +301,7 @@ class EvidenceOutcome:
         m = self.selected.sets[0][0].marginal(s.kappa)
         white, share = s.kappa > 0.5, self.selected.predictable
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
-                "coefficients": [1.0], "from_repeats": level.description, "repeating": float(np.sqrt(level.repeating)),
+                "coefficients": [1.0], "from_repeats": level.description, "repeating": list(level.repeating),
                 "predictable_share": share, "independent_samples": s.kappa * s.problem.n_samples}
 
 

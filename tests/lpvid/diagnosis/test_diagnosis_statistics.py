@@ -283,9 +283,10 @@ class TestDiagnosis:
         runs = [record(rng, "ar1", 0.4, u=u, hidden=lambda _: load) for _ in range(2)]
         one, two = (diagnose(runs[:n], Bent(), (Wave(), Zero())) for n in (1, 2))
         assert one.verdict == "nothing-to-explain" and "a repeat of the run decides that" in one.reason
-        assert one.noise["repeating"] == 0
+        assert one.noise["repeating"] == [0, 0]
         assert two.verdict == "unexplained" and "repeats where they do" in two.reason
-        assert 0.2 < two.noise["repeating"] < 0.35 and two.noise_floor == pytest.approx(0.4, rel=0.1)
+        low, high = two.noise["repeating"]
+        assert 0.2 < low < 0.35 < high < 0.5 and two.noise_floor == pytest.approx(0.4, rel=0.1)
 
     def test_names_the_cause_and_its_strength(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, "ar1", hidden=lambda u: 1.2 * np.sign(u))], Bent(), CAUSES)
