@@ -35,7 +35,8 @@ _ADVICE = {
 }
 _REPEAT = ("Repeat the run. An error that the repeat does not show again is noise, and the baseline is as good as "
            "these data can show; one that it shows again has a cause which none of those known here explains.")
-
+_RECORD_MORE = (" Error that repeats is no noise: record what else is the same in every run, such as a load, a "
+                "temperature or the angle of a drive.")
 
 PLAN = "experiment.toml"
 """File beside the page that holds the planned experiment; its description begins with this name."""
@@ -65,6 +66,8 @@ def diagnosis_page(found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | No
     if found.verdict == "nothing-to-explain" and found.noise_floor is None and \
             found.after.esr_held_out > ACCEPTABLE_MISFIT**2:  # much, and nothing shows that it is noise
         mark, advice = "warn", _REPEAT
+    if found.verdict == "unexplained" and found.noise.get("repeating", (0.0, 0.0))[0] > 0:
+        advice += _RECORD_MORE
     sections = []
     if found.causes or found.rivals:
         sections.append(Section("The cause" if len(found.causes) < 2 else "The causes", tuple(_causes(found))))

@@ -158,7 +158,7 @@ class EvidenceOutcome:
         foreign = max((float(np.sqrt(x.share)) * left for x in lines), default=0.0)
         structure = f"the error that the inputs predict is {law_error:.1%} of the output"
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
-        structure += f"; at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
+        structure += f"; an error of at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
         shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \
             f"is noise but for at most {most:.1%} that repeats"
         noise = f"; what is left, {left:.1%} of the output, {shown}" if left > ACCEPTABLE_MISFIT else ""

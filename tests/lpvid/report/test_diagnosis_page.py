@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.toy_diagnosis import Bent, Dry, record
+from helpers.toy_diagnosis import Bent, Dry, Zero, drive, record
 
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.task import DiagnosisTask
@@ -29,6 +29,18 @@ def test_much_that_is_taken_for_noise_is_no_good_news_unless_a_repeat_shows_it(l
     page = diagnosis_page(found, DiagnosisTask(prepared, Bent(), True, (Dry(),), tuple(records)))
     assert page.mark == mark
     assert ("Repeat the run" in page.steps[0].text) is (mark == "warn")
+
+
+def test_an_error_that_repeats_asks_for_a_channel_that_was_not_recorded():
+    rng = np.random.default_rng(4)
+    u, load = drive(3000, rng), 0.35 * drive(3000, rng)
+    records = [record(rng, "ar1", 0.4, u=u, hidden=lambda _: load) for _ in range(2)]
+    found = diagnose(records, Bent(), [Zero()])
+    page = diagnosis_page(found, DiagnosisTask(PreparedRecords(tuple(records), (), ()), Bent(), True, (Zero(),),
+                                               tuple(records)))
+    low, high = found.noise["repeating"]
+    assert page.mark == "bad" and "record what else is the same in every run" in page.steps[0].text
+    assert f"an error of {low:.3g} to {high:.3g} V repeats" in str(page)
 
 
 def test_the_time_traces_have_the_unit_of_the_channel():
