@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.special import stdtrit
 
 from lpvid.baselines.signals import Signals
 from lpvid.condition.constancy import DISTINCT
+from lpvid.diagnosis.blocks import FEWEST
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.effects.preparing import SHORTEST
 from lpvid.rounding import EPS, HALF_DIGITS, TINY
-from lpvid.validation.trust import QUANTILE
+from lpvid.validation.trust import LEVEL
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,9 @@ class NoiseLevel:
         Of the error that does not repeat: noise, in the output's unit squared; None where nothing repeats.
     repeating : (float, float)
         Root mean square of the error that repeats, a misfit whatever its spectrum, in the output's unit: the ends of
-        its 95 % interval over the blocks.
+        its 95 % interval.
     samples : int
-        Number of samples it was estimated from.
+        Pairs of samples that it was estimated from.
     description : str
     """
 
@@ -41,9 +43,11 @@ class NoiseLevel:
 def noise_level(problem: DiagnosisProblem, channels: Sequence[str], errors: Sequence[np.ndarray]) -> NoiseLevel:
     """Error of a model between repeats of the same input, records against records and halves of a periodic one.
 
-    With e_k = m + n_k at repeat k, m a function of the inputs and n_k noise, the variance of n is the mean of
-    (e_1 − e_2)²/2, and that of m the mean of e_1 e_2. Inputs agree where every channel differs by less than `DISTINCT`
-    of its spread; what such a difference changes at the output is in the model too, and so in neither error.
+    With e_k = m + n_k at repeat k, m a function of the inputs and n_k noise, the mean of e_1 e_2 is the variance of m,
+    and the rest of the mean square is that of n. Inputs agree where every channel differs by less than `DISTINCT` of
+    its spread; a good model states what such a difference changes at the output. The interval of the mean is Student's
+    over `FEWEST` parts of the time, as slow noise is correlated over many blocks. Where e_1 opposes e_2, as with an
+    offset of which the law has the mean, m is at most (e_1 + e_2)/2.
 
     Parameters
     ----------
@@ -56,30 +60,31 @@ def noise_level(problem: DiagnosisProblem, channels: Sequence[str], errors: Sequ
     Returns
     -------
     NoiseLevel
-        Of variance None where fewer samples repeat than two of the shortest pieces have.
+        Of variance None where fewer samples repeat than two of the shortest pieces have, or in one part only.
     """
     signals, number = problem.signals, problem.blocks.number
     pairs = [(j, k, 0, f"{a.name} repeats {b.name}") for (j, a), (k, b) in combinations(enumerate(signals), 2)
              if _alike(a, b, channels, min(a.n_samples, b.n_samples))]
     pairs += [(k, k, lag, f"{s.name} repeats after {lag * s.sample_time:.3g} s") for k, s in enumerate(signals)
               if (lag := _period(s, channels))]
-    first, second, block = [], [], []
+    found: list[np.ndarray] = [np.zeros((3, 0))]
     for j, k, lag, _ in pairs:
         n = min(errors[j].size, errors[k].size - lag)
         inside = np.flatnonzero((number[j][:n] >= 0) & (number[k][lag: lag + n] >= 0))
-        first.append(errors[j][inside])
-        second.append(errors[k][lag + inside])
-        block.append(number[j][inside])
-    count = sum(e.size for e in first)
-    if count < 2 * SHORTEST:
+        found.append(np.array([errors[j][inside], errors[k][lag + inside], inside * FEWEST // max(n, 1)]))
+    *both, part = np.concatenate(found, axis=1)
+    parts, of_part, samples = np.unique(part, return_inverse=True, return_counts=True)
+    if of_part.size < 2 * SHORTEST or parts.size < 2:
         return NoiseLevel(None, (0.0, 0.0), 0, "no input repeats, so the noise level is only bounded by the best model")
-    one, two = np.concatenate(first), np.concatenate(second)
-    _, of_block, samples = np.unique(np.concatenate(block), return_inverse=True, return_counts=True)
-    sums = np.bincount(of_block, one * two)
-    common = float(sums.sum()) / count
-    error = float(np.sqrt(sums.size / max(sums.size - 1, 1) * np.sum((sums - common * samples) ** 2))) / count
-    low, high = np.sqrt(np.maximum([common - QUANTILE * error, common + QUANTILE * error], 0.0)).tolist()
-    return NoiseLevel(float(np.mean((one - two) ** 2)) / 2, (low, high), count,
+    size = max(float(np.abs(both).max()), TINY)  # the square of an error that explodes is not finite
+    both = np.array(both) / size
+    sums, total = np.bincount(of_part, both[0] * both[1]), float(np.mean(both**2))
+    common = float(sums.sum()) / of_part.size
+    error = np.sqrt(parts.size / (parts.size - 1) * np.sum((sums - common * samples) ** 2)) / of_part.size * \
+        stdtrit(parts.size - 1, (1 + LEVEL) / 2)
+    most = common + error if common + error > 0 else float(np.mean(both.mean(axis=0) ** 2))
+    low, high = size * np.sqrt(np.clip([common - error, most], 0.0, total))
+    return NoiseLevel(size**2 * (total - max(common, 0.0)), (float(low), float(high)), of_part.size,
                       "; ".join(t for *_, t in pairs[:3]) + (" …" if len(pairs) > 3 else ""))
 
 
@@ -103,11 +108,11 @@ def _period(s: Signals, channels: Sequence[str]) -> int:
     if not moving:
         return 0
     size = 1 << (2 * n - 1).bit_length()
-    lags = np.arange(n // 2)
-    worst = np.zeros(n // 2)
+    lags = np.arange(n // 2 + 1)
+    worst = np.zeros(lags.size)
     for x in moving:
         power = np.cumsum(np.concatenate([[0.0], x**2]))
-        cross = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n // 2]
+        cross = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[lags]
         worst = np.maximum(worst, (power[n - lags] + power[n] - power[lags] - 2 * cross) / (n - lags) / np.var(x))
     departed = np.maximum.accumulate(worst) > 1  # correlation below ½ before, as in `condition.repetition_period`
     good = np.flatnonzero(departed & (worst < DISTINCT**2))

@@ -66,7 +66,8 @@ def diagnosis_page(found: Diagnosis, task: DiagnosisTask, lpv: LpvExtension | No
     if found.verdict == "nothing-to-explain" and found.noise_floor is None and \
             found.after.esr_held_out > ACCEPTABLE_MISFIT**2:  # much, and nothing shows that it is noise
         mark, advice = "warn", _REPEAT
-    if found.verdict == "unexplained" and found.noise.get("repeating", (0.0, 0.0))[0] > 0:
+    rms = found.after.rmse / np.sqrt(max(found.after.esr_held_out, TINY))
+    if mark in ("bad", "warn") and found.noise.get("repeating", (0.0, 0.0))[0] > ACCEPTABLE_MISFIT * rms:
         advice += _RECORD_MORE
     sections = []
     if found.causes or found.rivals:

@@ -160,7 +160,7 @@ class EvidenceOutcome:
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
         structure += f"; an error of at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
         shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \
-            f"is noise but for at most {most:.1%} that repeats"
+            f"is noise but for at most {min(most, left):.1%} that may repeat"
         noise = f"; what is left, {left:.1%} of the output, {shown}" if left > ACCEPTABLE_MISFIT else ""
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)

@@ -176,8 +176,7 @@ class SetSearch(VisitedSets):
     def _exchange_and_enlarge(self, w: EvaluatedSet) -> None:
         """Exchange the members of a set; enlarge it and the sets without one of its members."""
         self._exchange_members(w)
-        smaller = (w.members - {e.name} for e in w.effects)
-        self.enlarge([*(self.visited[m] for m in smaller if m in self.visited), w])
+        self.enlarge([*(self.visited[m] for e in w.effects if (m := w.members - {e.name}) in self.visited), w])
 
     def _exchange_members(self, w: EvaluatedSet) -> None:
         """Visit the set without each of its members, and with related effects in the place of each.

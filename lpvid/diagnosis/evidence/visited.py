@@ -150,9 +150,8 @@ class VisitedSets:
         """Compute κ from the error of the best set, up to three times: another set may become the best."""
         for _ in range(3):
             best = self.best
-            errors = self.problem.errors(best.fit.composition, best.fit.vector)
-            found = best.fit.cached(("effective samples", self.alpha),
-                                    lambda e=errors, alpha=self.alpha: effective_samples(self.problem, e, alpha))
+            found = best.fit.cached(("effective samples", self.alpha), lambda fit=best.fit: effective_samples(
+                self.problem, self.problem.errors(fit.composition, fit.vector), self.alpha))
             self.kappa, self.structured, self.floor = found.kappa, found.structured, found.floor
             if self.best is best:
                 return
@@ -273,8 +272,7 @@ class VisitedSets:
         -------
         bool
         """
-        known = self.visited.get(members)
-        return known is None or cost < known.fit.cost
+        return members not in self.visited or cost < self.visited[members].fit.cost
 
     def add(self, w: EvaluatedSet) -> None:
         """Keep a set if its cost is lower than before; if a refit reduced members to zero, visit the set without them.

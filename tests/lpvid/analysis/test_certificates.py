@@ -333,7 +333,6 @@ def test_model_without_memory():
 
 
 # -- kept, handed on, tampered with -----------------------------------------------------------------------------------
-@pytest.mark.seconds
 def test_round_trip_through_json_is_verified_by_numpy_alone():
     model = alternating(0.6)
     found = certify_stability(model, rate=0.5)
@@ -347,7 +346,6 @@ def test_round_trip_through_json_is_verified_by_numpy_alone():
     assert StabilityCertificate.from_dict(json.loads(json.dumps(lost.to_dict()))).to_dict() == lost.to_dict()
 
 
-@pytest.mark.seconds
 def test_tampering_and_other_models_fail():
     model = alternating(0.6)
     found = certify_stability(model, rate=0.5)
@@ -393,7 +391,6 @@ def test_bad_requests_are_refused(arguments):
         certify_stability(alternating(0.5), **arguments)
 
 
-@pytest.mark.seconds
 def test_verification_runs_without_a_solver(tmp_path):
     model = alternating(0.6)
     (tmp_path / "c.json").write_text(json.dumps(certify_stability(model, rate=0.5).to_dict()), encoding="utf-8")

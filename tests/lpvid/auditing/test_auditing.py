@@ -160,7 +160,6 @@ def test_rounded_stamps_are_a_note_and_no_jitter() -> None:
     assert not found.of("jitter")
 
 
-@pytest.mark.seconds
 def test_rates_that_differ() -> None:
     found = audit([clean(name="a"), clean(seed=6, period=0.01, name="b")])
     assert only(found, "mixed-rates")[0] == "warning"
@@ -189,7 +188,6 @@ def test_a_fault_of_one_channel_is_found_there(fault: Callable, name: str, sever
     assert [(f.severity, f.channel) for f in found.of(name) if f.channel == "force"] == [(severity, "force")]
 
 
-@pytest.mark.seconds
 def test_noise_is_measured() -> None:
     (finding,) = [f for f in audit(clean(period=PERIOD / 10, n=20000)).of("noise-level") if f.channel == "force"]
     assert finding.severity == "note"
@@ -235,7 +233,6 @@ def test_one_signal_under_two_names() -> None:
 
 
 # -- motion -----------------------------------------------------------------------------------------------------
-@pytest.mark.seconds
 def test_velocity_of_wrong_scale_sign_or_origin() -> None:
     scaled = audit(change(clean(), "velocity", lambda v: 1.2 * v)).of("velocity-scale")
     assert scaled[0].value == pytest.approx(1.2, rel=0.01)
@@ -279,7 +276,6 @@ def test_a_causal_filter_on_one_motion_channel_is_found_and_one_on_all_is_not(ch
 
 
 # -- force ------------------------------------------------------------------------------------------------------
-@pytest.mark.seconds
 def test_polarity_is_found_with_and_without_a_velocity_channel() -> None:
     record = change(clean(), "force", np.negative)
     found = audit(record)
@@ -299,14 +295,12 @@ def test_a_spring_has_no_polarity_to_complain_of() -> None:
     assert found.of("polarity-unclear")
 
 
-@pytest.mark.seconds
 def test_signs_that_differ_between_records() -> None:
     found = audit([clean(1, name="a"), change(clean(2, name="b"), "force", np.negative), clean(3, name="c")])
     assert "'b'" in found.of("mixed-polarity")[0].evidence
     assert [f.record for f in found.of("reversed-polarity")] == ["b"]
 
 
-@pytest.mark.seconds
 def test_force_offset_and_drift() -> None:
     (offset,) = audit(change(clean(), "force", lambda f: f + 80.0)).of("force-offset")
     assert offset.value == pytest.approx(80.0, rel=0.15)
@@ -317,7 +311,6 @@ def test_force_offset_and_drift() -> None:
 
 
 # -- excitation -------------------------------------------------------------------------------------------------
-@pytest.mark.seconds
 def test_scheduling_excitation() -> None:
     steps = np.repeat(np.random.default_rng(4).integers(0, 2, N // 50), 50) * 1.5
     noisy = steps + 0.01 * np.random.default_rng(5).normal(size=N)
@@ -334,7 +327,6 @@ def test_scheduling_excitation() -> None:
         audit(clean(), scheduling=["speed"])
 
 
-@pytest.mark.seconds
 def test_repetition_is_a_note_with_its_period() -> None:
     one = clean(n=1000)
     twice = Record({k: Channel(np.tile(c.values, 4), c.unit, c.unit) for k, c in one.channels.items()},
@@ -589,7 +581,6 @@ class TestCoherentInputs:
         np.testing.assert_allclose(seen.share, [0.2, 0.2], rtol=0.15)  # 1 - 1/(1 + 0.25), less the bias of averaging
 
 
-@pytest.mark.seconds
 def test_a_sample_that_outweighs_all_others_is_a_spike() -> None:
     record = clean()
     assert not [f for f in audit(record).findings if f.name == "spike"]

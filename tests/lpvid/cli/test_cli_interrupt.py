@@ -68,7 +68,6 @@ def test_a_caller_that_goes_on_has_its_own_handler_again(handler, monkeypatch, c
         signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.seconds
 def test_once_the_process_ends_ctrl_c_ends_it_by_itself():
     code = START.format(package="lpvid", handler="default_int_handler").replace("main()\n", (
         "import atexit, os, sys\natexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\nmain()\n"))

@@ -286,7 +286,7 @@ class TestDiagnosis:
         assert one.noise["repeating"] == [0, 0]
         assert two.verdict == "unexplained" and "repeats where they do" in two.reason
         low, high = two.noise["repeating"]
-        assert 0.2 < low < 0.35 < high < 0.5 and two.noise_floor == pytest.approx(0.4, rel=0.1)
+        assert 0.2 < low < 0.35 < high < 0.55 and two.noise_floor == pytest.approx(0.4, rel=0.1)
 
     def test_names_the_cause_and_its_strength(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, "ar1", hidden=lambda u: 1.2 * np.sign(u))], Bent(), CAUSES)

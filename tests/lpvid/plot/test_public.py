@@ -3,10 +3,7 @@
 import subprocess
 import sys
 
-import pytest
 
-
-@pytest.mark.seconds
 def test_plot_is_there_after_import_and_loads_nothing_by_itself() -> None:
     probe = ("import sys, lpvid as lpv, quartercar as qc; before = 'matplotlib' in sys.modules; "
              "print(before, callable(lpv.plot.bode), callable(qc.plot.ranking))")

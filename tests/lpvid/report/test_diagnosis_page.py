@@ -29,6 +29,7 @@ def test_much_that_is_taken_for_noise_is_no_good_news_unless_a_repeat_shows_it(l
     page = diagnosis_page(found, DiagnosisTask(prepared, Bent(), True, (Dry(),), tuple(records)))
     assert page.mark == mark
     assert ("Repeat the run" in page.steps[0].text) is (mark == "warn")
+    assert "record what else" not in page.steps[0].text
 
 
 def test_an_error_that_repeats_asks_for_a_channel_that_was_not_recorded():

@@ -95,7 +95,6 @@ class FmuStepper(DamperStepper):
         self._slave.close()
 
 
-@pytest.mark.seconds
 def test_a_damper_fmu_in_a_quarter_car_drives_like_the_damper(monkeypatch, tmp_path):
     damper = identified_damper()
     car = QuarterCar(MEGANE, damper)
