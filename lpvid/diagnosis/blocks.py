@@ -17,7 +17,8 @@ least"""
 WANTED = 30
 """blocks wanted over all records"""
 FEWEST = 8
-"""blocks at least, for a p-value of the sign-flip test, and samples of a block"""
+"""blocks at least, for a p-value of the sign-flip test; samples of a block; parts of the time of an interval of what
+repeats"""
 GAP = 0.1
 """share of a block left out at its start, so that neighbours are independent"""
 START_UP = 0.25
