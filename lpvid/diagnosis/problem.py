@@ -17,6 +17,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.effects.composition import Composition
 from lpvid.record import Record
 from lpvid.rounding import EXPLODED
+from lpvid.validation.whitening import Whitening
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +28,13 @@ class DiagnosisProblem:
     ----------
     signals : tuple of Signals
     blocks : Blocks
+    whitening : Whitening, optional
+        Weights of the errors, where repeats give the spectrum of the noise.
     """
 
     signals: tuple[Signals, ...]
     blocks: Blocks
+    whitening: Whitening | None = None
 
     @cached_property
     def block(self) -> np.ndarray:
@@ -83,7 +87,7 @@ class DiagnosisProblem:
         return out
 
     def stacked_errors(self, composition: Composition, vector: np.ndarray) -> np.ndarray:
-        """Measured less simulated output inside the blocks, one record after the other.
+        """Measured less simulated output inside the blocks, one record after the other, weighed.
 
         Parameters
         ----------
@@ -95,7 +99,33 @@ class DiagnosisProblem:
         (N,) array
             In the output's unit.
         """
-        return self.stack(self.errors(composition, vector))
+        return self.weighed(self.stack(self.errors(composition, vector)))
+
+    def weighed(self, stacked: np.ndarray) -> np.ndarray:
+        """Stacked values as they count: with the weights of the whitening.
+
+        Parameters
+        ----------
+        stacked : (N,) or (N, k) array
+
+        Returns
+        -------
+        (N,) or (N, k) array
+        """
+        return stacked if self.whitening is None else self.whitening.weighed(stacked)
+
+    def unweighed(self, stacked: np.ndarray) -> np.ndarray:
+        """Stacked values as they were before they were weighed.
+
+        Parameters
+        ----------
+        stacked : (N,) or (N, k) array
+
+        Returns
+        -------
+        (N,) or (N, k) array
+        """
+        return stacked if self.whitening is None else self.whitening.unweighed(stacked)
 
     def stack(self, values: Iterable[np.ndarray], overwriting: bool = False) -> np.ndarray:
         """(N,) or (N, k): per-record values inside the blocks, one record after the other.

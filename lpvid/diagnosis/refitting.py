@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from gc import collect
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
+from lpvid._bounded_steps import broyden_update, damped_step, geodesic_correction
 from lpvid._memory import give_back
 from lpvid._tall import column_norms
 from lpvid.baselines.budgets import LONG
@@ -19,8 +19,7 @@ from lpvid.diagnosis.budgets import ITERATIONS
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.trial_steps import step_by_trial, trial_parameters
 from lpvid.effects.composition import Composition
-from lpvid.least_squares import bounded_least_squares
-from lpvid.rounding import EPS, EXPLODED, HALF_DIGITS, STEP, TINY, VANISHING
+from lpvid.rounding import EXPLODED, HALF_DIGITS, STEP, TINY
 
 LEAST_DECREASE, ROUGH_DECREASE = 0.02, 0.3
 """predicted increase of the log-likelihood below which a refit ends, and below which a rough refit does"""
@@ -28,9 +27,6 @@ DECREASE_RATIO = 0.25
 """share of the predicted decrease that a step by an updated Jacobian must reach, else that is computed anew"""
 STEP_SHARES = (1.0, 0.3, 0.1)
 """shares of a step that are tried one after the other before it is damped"""
-MOST_CORRECTION = 0.75
-"""length of the geodesic correction over that of the step, in units of the derivatives' norms, beyond which it is
-rejected"""
 FIRST_DAMPING = 1e-3
 LEAST_DAMPING = STEP * STEP
 """of normal equations scaled to a diagonal of one: their digits beyond are errors of the differences in the Jacobian"""
@@ -103,6 +99,24 @@ class Refit:
         """Mean squared error per degree of freedom."""
         return self.cost / max(self.n_samples - self.vector.size, 1)
 
+    def on(self, problem: DiagnosisProblem) -> Refit:
+        """The same fit with the weights of another problem of the same samples.
+
+        Parameters
+        ----------
+        problem : DiagnosisProblem
+
+        Returns
+        -------
+        Refit
+        """
+        def weighed(values: np.ndarray) -> np.ndarray:
+            return problem.weighed(self.problem.unweighed(values))
+
+        errors = weighed(self.errors)
+        kept = {"jacobian": weighed(self.jacobian)} if "jacobian" in self.cache else {}
+        return replace(self, problem=problem, errors=errors, cost=float(errors @ errors), cache=kept)
+
     def at_bounds(self) -> np.ndarray:
         """(P,) bool: parameters that lie on a bound.
 
@@ -124,7 +138,7 @@ def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.nd
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
                                                                zip(problem.signals, errors, strict=True)]
     found = (composition.sensitivities(s, vector, at=a) for s, a in zip(problem.signals, at, strict=True))
-    return _finite(problem.stack(found, overwriting=True))
+    return problem.weighed(_finite(problem.stack(found, overwriting=True)))
 
 
 def settled_start(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, near: Refit) -> np.ndarray:
@@ -149,7 +163,7 @@ def settled_start(problem: DiagnosisProblem, composition: Composition, start: np
     vector = np.clip(start, *composition.bounds)
     errors = problem.stacked_errors(composition, vector)
     jacobian, _ = _known_columns(problem, composition, near)
-    moved = vector + _step(jacobian, errors, np.ones(errors.size), vector, FIRST_DAMPING, *composition.bounds)[0]
+    moved = vector + damped_step(jacobian, errors, np.ones(errors.size), vector, FIRST_DAMPING, *composition.bounds)[0]
     after = problem.stacked_errors(composition, moved)
     return moved if float(after @ after) < float(errors @ errors) else vector
 
@@ -159,8 +173,9 @@ def _reused_jacobian(problem: DiagnosisProblem, composition: Composition, vector
     """(N, P) derivative with the columns that a fit of a related composition has, the others taken at `vector`."""
     out, new = _known_columns(problem, composition, near)
     if new:
-        out[:, new] = _finite(problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
-                                              for s, e in zip(problem.signals, errors, strict=True)]))
+        found = (composition.sensitivities(s, vector, free=new, at=s.output - e)
+                 for s, e in zip(problem.signals, errors, strict=True))
+        out[:, new] = problem.weighed(_finite(problem.stack(found)))
     return out
 
 
@@ -298,7 +313,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
     def at(vector: np.ndarray) -> tuple[Refit, list[np.ndarray]]:
         vector = np.clip(vector, low, high)
         errors = problem.errors(composition, vector)
-        stacked = problem.stack(errors)
+        stacked = problem.weighed(problem.stack(errors))
         return Refit(problem, composition, vector, float(weights @ stacked**2), stacked, count), errors
 
     def derivative() -> np.ndarray:
@@ -315,7 +330,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         if age > SECANT_STEPS:
             del jacobian  # before another one of its size is taken
             jacobian, age = derivative(), 0
-        step, predicted = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
+        step, predicted = damped_step(jacobian, now.errors, weights, now.vector, damping, low, high)
         little = predicted < (ROUGH_DECREASE if rough else LEAST_DECREASE) * now.cost / (sample_weight * count)
         if little:
             if damping > LEAST_DAMPING and not failed:  # along a curved valley a damped step predicts little
@@ -331,12 +346,12 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
             there = at(now.vector + share * step)
             if age == 0 and now.cost - there[0].cost < DECREASE_RATIO * share * predicted:
                 deviation = now.errors - there[0].errors - share * (jacobian @ step)
-                correction = _geodesic_correction(jacobian, deviation / share**2, step, weights, now.vector, damping,
+                correction = geodesic_correction(jacobian, deviation / share**2, step, weights, now.vector, damping,
                                                   low, high)
                 corrected = there if correction is None else at(now.vector + step + correction)
                 there = corrected if corrected[0].cost < there[0].cost else there
             if now.cost - there[0].cost > (DECREASE_RATIO * predicted if age else 0.0):
-                _broyden_update(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
+                broyden_update(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
                 (now, errors), age, damping, failed = there, age + 1, max(damping / 5, LEAST_DAMPING), False
                 break
         else:
@@ -346,76 +361,6 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
             else:
                 damping, failed = damping * 8, True
         yield now
-
-
-def _geodesic_correction(jacobian: np.ndarray, deviation: np.ndarray, step: np.ndarray, weights: np.ndarray,
-                         vector: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """Second-order correction of a step in a curved valley; None where it is not finite, or too long.
-
-    Of the path x + h s + h² b the simulation changes by h J s + h² (f_ss/2 + J b); b makes the second part as small as
-    it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, below `MOST_CORRECTION` of the step.
-
-    Parameters
-    ----------
-    jacobian : (N, P) array
-    deviation : (N,) array
-        f_ss/2: the change by a step beyond that of the derivatives, over the square of its share.
-    step : (P,) array
-    weights : (N,) array
-    vector : (P,) array
-    damping : float
-    low, high : (P,) array
-    """
-    if not np.isfinite(deviation).all():
-        return None
-    correction, _ = _step(jacobian, -deviation, weights, np.clip(vector + step, low, high), damping, low, high)
-    norms = column_norms(jacobian)
-    length = np.linalg.norm(correction * norms)
-    return correction if 0.0 < length <= MOST_CORRECTION * np.linalg.norm(step * norms) else None
-
-
-def _broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
-    """Broyden's update in place, in parameters scaled by the columns' norms: J step = change afterwards."""
-    norms = np.maximum(column_norms(jacobian), TINY)
-    scaled = step * norms
-    length = float(scaled @ scaled)
-    if length > 0 and np.isfinite(change).all():
-        deviation = change - jacobian @ step
-        for k, share in enumerate(scaled * norms / length):
-            jacobian[:, k] += deviation * share
-
-
-def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector: np.ndarray, damping: float,
-          low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Damped step in the free parameters, and its predicted decrease of the cost (0 where there is none to take).
-
-    Where that would carry some beyond their bounds, the best step inside them (bounded least squares).
-    """
-    weighted = jacobian if (weights == 1.0).all() else jacobian * weights[:, None]
-    gradient, hessian = weighted.T @ errors, weighted.T @ jacobian
-    norms = np.sqrt(np.maximum(np.diag(hessian), TINY))
-    held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= VANISHING)
-    free = np.flatnonzero(~held)
-    step = np.zeros(vector.size)
-    if not free.size or not np.isfinite(hessian).all():
-        return step, 0.0
-    scale = norms[free]
-    matrix = hessian[np.ix_(free, free)] / np.outer(scale, scale) + damping * np.eye(free.size)
-    room = (low - vector)[free] * scale, (high - vector)[free] * scale
-    step[free] = _bounded_minimiser(matrix, gradient[free] / scale, *room) / scale
-    step = np.clip(vector + step, low, high) - vector
-    return step, float(2 * step @ gradient - step @ hessian @ step)
-
-
-def _bounded_minimiser(matrix: np.ndarray, right: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(k,) minimiser of xᵀ M x/2 − bᵀ x, between bounds, for a positive semidefinite M."""
-    with suppress(np.linalg.LinAlgError):
-        x = np.linalg.solve(matrix, right)
-        if ((x >= low) & (x <= high)).all():
-            return x
-    values, vectors = np.linalg.eigh(matrix)
-    root = np.sqrt(np.maximum(values, EPS * values[-1]))
-    return bounded_least_squares(root[:, None] * vectors.T, vectors.T @ right / root, low, high)
 
 
 def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:

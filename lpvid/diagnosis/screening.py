@@ -158,7 +158,7 @@ def directions(problem: DiagnosisProblem, fit: Refit, changes: Sequence[Candidat
     if not changes:
         return []
     basis = projector(fit.free_jacobian) if basis is None else basis
-    raw = np.array([problem.stack(m.change) for m in changes])
+    raw = problem.weighed(np.array([problem.stack(m.change) for m in changes]).T).T
     beyond = without(basis, raw.T).T
     norms, raw_norms = np.linalg.norm(beyond, axis=1), np.linalg.norm(raw, axis=1)
     shares = np.maximum(beyond @ fit.errors, 0.0) / np.where(norms > 0, norms, np.inf) ** 2

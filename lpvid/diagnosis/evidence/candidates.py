@@ -235,7 +235,7 @@ def _lag_starts(sets: VisitedSets, lag: Effect, values: np.ndarray) -> list[Star
     composition = Composition(w.fit.composition.baseline, (lag,))
     own = range(composition.own)
     near = start_vector(composition, w.fit, {lag.name: values})
-    slopes = problem.stack([composition.sensitivities(s, near, free=own) for s in problem.signals])
+    slopes = problem.weighed(problem.stack([composition.sensitivities(s, near, free=own) for s in problem.signals]))
     found = [(sets.cost_at(composition, near, projector(slopes[:, own])), near)]
     starts = _starts_on_changed_signals(lag, values, w, problem.signals)
     restarted = [np.concatenate([b, near[own.stop:]]) for b in starts]

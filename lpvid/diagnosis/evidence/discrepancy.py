@@ -73,7 +73,7 @@ class Discrepancy:
             count = FEATURES // len(groups)
             rates = rng.standard_normal((z.shape[1], count)) * np.resize(FEATURE_RATES, count)
             parts.append(np.sqrt(2.0) * np.cos(z @ rates + rng.uniform(0, 2 * np.pi, count)))
-        features = np.hstack(parts) if parts else np.zeros((problem.n_samples, 1))
+        features = problem.weighed(np.hstack(parts)) if parts else np.zeros((problem.n_samples, 1))
         power, directions = np.linalg.eigh(features.T @ features)
         keep = power > HALF_DIGITS * max(float(power[-1]), TINY)
         output_rms = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))

@@ -13,6 +13,7 @@ from lpvid.diagnosis.localise import spectrum_lines
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.rounding import EPS, EXPLODED, TINY
 from lpvid.validation.trust import QUANTILE
+from lpvid.validation.whitening import Whitening
 
 STRUCTURED_SAMPLES = 25.0
 """α, independent samples that a structured error counts as, by blind cases of two rigs (docs/diagnosis_boards.md): the
@@ -42,11 +43,33 @@ class EffectiveSamples:
         p, share of the squared error beyond the noise floor.
     floor : float
         Variance of the noise.
+    samples : int
+        N.
+    whitening : Whitening, optional
+        Noise known by repeats, beside the misfit.
     """
 
     kappa: float
     structured: float
     floor: float
+    samples: int = 0
+    whitening: Whitening | None = None
+
+    def kappa_at(self, alpha: float) -> float:
+        """κ at another α.
+
+        Parameters
+        ----------
+        alpha : float
+            α.
+
+        Returns
+        -------
+        float
+        """
+        if self.whitening is not None:
+            return self.whitening.independent_share(self.samples, alpha)
+        return kappa_of(self.structured, self.samples, alpha)
 
 
 def kappa_of(structured: float, samples: int, alpha: float) -> float:
@@ -142,7 +165,7 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     beyond lines of its spectrum that nothing of the motion has. All of it is a misfit of the law, or noise too slow to
     be distinguished from one. Each sample of noise counts as independent, a misfit as α samples in all. Noise of the
     motion sensors that the model carries counts as a misfit too: every lag reduces it, whether or not anything lags.
-    Repeats give no floor: where their inputs differ by a per cent, so do their outputs.
+    Where repeats give the spectrum of the noise, the misfit is what the error has beside it (`Whitening`).
 
     Parameters
     ----------
@@ -160,9 +183,13 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     stacked = problem.stack(errors)
     total = float(np.mean(stacked**2))
     if not total > 0:
-        return EffectiveSamples(1.0, 0.0, 0.0)
+        return EffectiveSamples(1.0, 0.0, 0.0, stacked.size)
+    if problem.whitening is not None:
+        w = problem.whitening.beside(stacked)
+        share = float(w.misfit.mean() / (w.noise + w.misfit).mean())
+        return EffectiveSamples(w.independent_share(stacked.size, alpha), share, float(w.noise.mean()), stacked.size, w)
     floor = min(white_noise(problem, stacked) + total * sum(x.share for x in spectrum_lines(problem, errors)), total)
-    return EffectiveSamples(kappa_of(1 - floor / total, problem.n_samples, alpha), 1 - floor / total, floor)
+    return EffectiveSamples(kappa_of(1 - floor / total, stacked.size, alpha), 1 - floor / total, floor, stacked.size)
 
 
 def _usual_share(problem: DiagnosisProblem, error: np.ndarray) -> float:

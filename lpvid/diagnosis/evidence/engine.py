@@ -33,6 +33,7 @@ from lpvid.effects.effect import Effect, by_name
 from lpvid.effects.scaling import Scales
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.validation.whitening import whitening_of
 
 
 def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
@@ -82,6 +83,12 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
         search, unusable = prepared(records, baseline, catalogue, report_progress)
         try:
             search.run(root_of(search.problem, baseline))
+            if weighed := search.reweighed():
+                report_progress("searching with the errors weighed by the noise that the repeats show")
+                search = weighed
+                search.run(refit(search.problem, Composition(baseline), search.root.fit.vector, rough=True))
+                search = search.reweighed() or search  # beside the misfit of another set
+                search.settle()
             found = concluded(search, records, baseline, held_out, unusable, settings.seed, report_progress)
         except KeyboardInterrupt as stop:
             if not search.visited:
@@ -141,7 +148,7 @@ def _measured(search: SetSearch, rejected: Sequence[frozenset[str]], records: Se
     """The set to report, the rejected ones left out, refitted to all samples."""
     problem = search.problem
     selected = select_set(search, report_progress, rejected)
-    if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
+    if problem.whitening or sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
         problem.forget_simulations(sum(r.n_samples for r in records) > LONG)  # to free memory for the refit
         report_progress("refitting the best set to all samples")
         selected = on_all_samples(search, selected, problem_of(records, baseline))
@@ -199,7 +206,11 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     data = EvidenceData(problem, Discrepancy.of(problem, baseline), grid_points, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
-    return SetSearch(data, usable, channels, report_progress), unusable
+    composition, inputs = Composition(baseline), [c for c in baseline.channels if c != baseline.output]
+    noise = whitening_of(recorded, [s.output - composition.predict(s, baseline.vector) for s in recorded], inputs,
+                         problem.stack([s.output - s.output.mean() for s in problem.signals]),
+                         problem.n_samples // problem.blocks.count)
+    return SetSearch(data, usable, channels, report_progress, noise=noise), unusable
 
 
 def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:

@@ -88,6 +88,11 @@ class EvaluatedSet:
         return self.data.problem.stack(changes)
 
     @cached_property
+    def mean_square(self) -> float:
+        """Of the error as it is in time, in the output's unit squared."""
+        return float(np.mean(self.data.problem.unweighed(self.fit.errors) ** 2))
+
+    @cached_property
     def projected_error(self) -> np.ndarray:
         """(K,) error projected on the discrepancy's columns."""
         return self.data.discrepancy.columns.T @ self.fit.errors
@@ -221,7 +226,7 @@ class EvaluatedSet:
     def _strength_change(self, j: int, distance: float, change: float, output_norm: float, alone: bool
                          ) -> tuple[float, float]:
         """Change of the output by one strength, and its slope, as shares of the output's rms."""
-        slope = float(np.linalg.norm(self.fit.jacobian[:, j])) / output_norm
+        slope = float(np.linalg.norm(self.data.problem.unweighed(self.fit.jacobian[:, j]))) / output_norm
         if not alone:
             return abs(distance) * slope, slope
         return change, change / abs(distance) if distance else slope
@@ -280,4 +285,5 @@ def output_change(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> floa
     with np.errstate(all="ignore"):
         removed = problem.stacked_errors(fit.composition, vector)
     errors = problem.stacked_errors(fit.composition, fit.vector)
-    return float(np.sqrt(np.mean(np.minimum((removed - errors) ** 2, EXPLODED))))
+    change = problem.unweighed(removed - errors)
+    return float(np.sqrt(np.mean(np.minimum(change**2, EXPLODED))))

@@ -298,9 +298,9 @@ class EvidenceOutcome:
 
     def _noise(self, level: NoiseLevel) -> dict[str, Any]:
         s = self.search
-        m = self.selected.sets[0][0].marginal(s.kappa)
+        noise = s.effective.floor if s.problem.whitening else self.selected.sets[0][0].marginal(s.kappa).noise
         white, share = s.kappa > 0.5, self.selected.predictable
-        return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
+        return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(noise)),
                 "coefficients": [1.0], "from_repeats": level.description, "repeating": list(level.repeating),
                 "predictable_share": share, "independent_samples": s.kappa * s.problem.n_samples}
 

@@ -230,8 +230,10 @@ def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, 
 def _cost_without_sensor_noise(*sets: EvaluatedSet) -> Callable[[EvaluatedSet], float]:
     """Cost of a set less what is noise of the motion sensors, at the level that the errors of some sets may hold."""
     problem = sets[0].data.problem
-    share = sensor_noise_share(problem, [w.fit.errors for w in sets], [w.carried_noise for w in sets])
-    return lambda w: max(w.fit.cost - share * float(w.carried_noise @ w.carried_noise), EPS * w.fit.cost, TINY)
+    share = sensor_noise_share(problem, [problem.unweighed(w.fit.errors) for w in sets],
+                               [w.carried_noise for w in sets])
+    return lambda w: max(w.fit.cost - share * float(np.sum(problem.weighed(w.carried_noise) ** 2)), EPS * w.fit.cost,
+                         TINY)
 
 
 def match_names(*names: str) -> Matcher:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -18,17 +18,19 @@ from lpvid.diagnosis.evidence.candidates import (
     screen_beside_baseline,
     screen_beside_sets,
 )
-from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUCTURED_SAMPLES_RANGE, kappa_of
+from lpvid.diagnosis.evidence.discrepancy import Discrepancy
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUCTURED_SAMPLES_RANGE
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.visited import VisitedSets, posterior
-from lpvid.diagnosis.refitting import ROUGH_DECREASE, Refit, refit
+from lpvid.diagnosis.refitting import ROUGH_DECREASE, Refit, descend, refit, settled_start
 from lpvid.diagnosis.screening import Direction, start_vector
 from lpvid.diagnosis.start_points import start_points
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
 from lpvid.effects.scaling import Scales
 from lpvid.rounding import TINY
+from lpvid.validation.whitening import Whitening
 
 
 @dataclass
@@ -43,11 +45,17 @@ class SetSearch(VisitedSets):
         Visited sets whose children were visited.
     exchanged : set of frozenset of str
         Visited sets of which members were removed and exchanged.
+    noise : Whitening, optional
+        Of the errors, where repeats show it.
+    weighed_for : frozenset of str, optional
+        The set beside whose misfit the errors are weighed.
     """
 
     baseline_screening: BaselineScreening = field(default_factory=BaselineScreening)
     enlarged: set[frozenset[str]] = field(default_factory=set)
     exchanged: set[frozenset[str]] = field(default_factory=set)
+    noise: Whitening | None = None
+    weighed_for: frozenset[str] | None = None
 
     def run(self, root: Refit) -> None:
         """Visit sets, starting from the baseline alone.
@@ -61,8 +69,9 @@ class SetSearch(VisitedSets):
         self.update_kappa()
         self.enlarge([self.root])  # before the pairs, which can fit the error of a single cause
         self.update_kappa()
-        self._pairs()
-        self.update_kappa()
+        if self.weighed_for is None:  # else they are known
+            self._pairs()
+            self.update_kappa()
         for _ in range(MOST_MEMBERS):
             before = self.best
             self.enlarge(self._beam())
@@ -72,6 +81,10 @@ class SetSearch(VisitedSets):
             if self.best is not before:
                 self._exchange_members(self.best)
                 self.update_kappa()
+        self.settle()
+
+    def settle(self) -> None:
+        """Visit the neighbours of the best set until it stays the best one."""
         self.alpha = STRUCTURED_SAMPLES
         self.update_kappa()
         for _ in range(MOST_MEMBERS):
@@ -80,7 +93,7 @@ class SetSearch(VisitedSets):
             self.update_kappa()
             if self.best is before:
                 break
-        self.kappas = tuple(kappa_of(self.structured, self.problem.n_samples, a) for a in STRUCTURED_SAMPLES_RANGE)
+        self.kappas = tuple(map(self.effective.kappa_at, STRUCTURED_SAMPLES_RANGE))
         self._exchange_and_enlarge(posterior(self)[0][0])  # averaged over α, it may be another set
 
     def add(self, w: EvaluatedSet) -> None:
@@ -96,21 +109,55 @@ class SetSearch(VisitedSets):
             self.enlarged.discard(w.members)
             self.exchanged.discard(w.members)
 
+    def reweighed(self) -> SetSearch | None:
+        """A search that has visited the same sets, its errors weighed by the noise that repeats show.
+
+        The misfit beside the noise is that of the best set. Errors are weighed where slow noise is the larger part of
+        what counts as misfit otherwise. Of a misfit alone the spectrum says little: its weights would be arbitrary.
+
+        Returns
+        -------
+        SetSearch or None
+            Not yet run; None too where nothing repeats, or where the weights are those for the best set.
+        """
+        best, problem = self.best, self.problem
+        if self.noise is None or best.members == self.weighed_for:
+            return None
+        floor, repeated = self.effective.floor, float(self.noise.noise.mean())
+        if problem.whitening is None and 2 * (repeated - floor) < best.mean_square - floor:
+            return None
+        noise = self.noise.beside(problem.unweighed(best.fit.errors), STRUCTURED_SAMPLES)
+        problem = replace(problem, whitening=noise)
+        data = replace(self.data, problem=problem, discrepancy=Discrepancy.of(problem, best.fit.composition.baseline))
+        found = SetSearch(data, self.candidates, self.channels, self.report_progress, noise=noise,
+                          weighed_for=best.members, baseline_screening=self.baseline_screening)
+
+        def moved(w: EvaluatedSet) -> EvaluatedSet:
+            fit = w.fit.on(problem)
+            vector = settled_start(problem, fit.composition, fit.vector, fit)
+            return found.evaluated(descend(problem, fit.composition, vector, iterations=0))
+
+        sets = self.in_parallel(moved, list(self.visited.values()), (problem, data))
+        found.visited |= {w.members: w for w in sets if np.isfinite(w.fit.cost)}
+        found.update_kappa()
+        return found
+
     # -- larger sets -------------------------------------------------------------------------------------------------
     def _can_grow(self, w: EvaluatedSet) -> bool:
-        """Whether a set may still be enlarged; one with a filter of all channels is not: that is added last."""
-        return w.members not in self.enlarged and len(w.members) < MOST_MEMBERS and \
-            all(e.path != "all" for e in w.effects)
+        """Whether a set may still be enlarged."""
+        return w.members not in self.enlarged and len(w.members) < MOST_MEMBERS
 
     def _beam(self) -> list[EvaluatedSet]:
-        """The most probable sets that may be enlarged, of which none holds all components of a more probable one.
+        """The most probable sets that may be enlarged, of which none holds all components of a more probable one, or a
+        filter of all channels: that is added last.
 
         Otherwise forms of one component, and subsets of one set, would fill the beam: beside a law that lacks friction
         and a resonance, a spring is most probable at first, alone and with any further effect.
         """
         chosen: list[EvaluatedSet] = []
         for w in sorted(filter(self._can_grow, self.visited.values()), key=self.score, reverse=True):
-            if len(chosen) < BEAM_WIDTH and not any(set(w.components) >= set(c.components) for c in chosen):
+            if all(e.path != "all" for e in w.effects) and \
+                    len(chosen) < BEAM_WIDTH and not any(set(w.components) >= set(c.components) for c in chosen):
                 chosen.append(w)
         return chosen
 
@@ -132,7 +179,7 @@ class SetSearch(VisitedSets):
         names = "; ".join(", ".join(sorted(w.members)) or "the baseline alone" for w in sets)
         leader = ", ".join(sorted(best.members)) or "nothing"
         self.report_progress(f"enlarging {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
-        if any(not w.members for w in sets):
+        if self.weighed_for is None and any(not w.members for w in sets):
             self.baseline_screening = screen_beside_baseline(self)
         for w, found in zip(sets, screen_beside_sets(self, self.baseline_screening, sets), strict=True):
             chosen = [e for e, cost in by_predicted_gain(self, self.baseline_screening, w, found).items()

@@ -268,7 +268,7 @@ def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[t
             form = Support.of(sets, match_form(m.effect))
             members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
     names = {m.effect.name for m in members}
-    relative_error = search.relative_rms(after)
+    relative_error = search.relative_rms(problem.unweighed(after))
     share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
     selected = SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                            relative_error, share, tuple((n, why) for n, why in dropped.items() if n not in names), sets)
@@ -289,7 +289,8 @@ def _changes_alone(search: SetSearch, fits: dict[frozenset[str], Refit], fit: Re
                 for one in effects)]
     _cross_validate(search, fits, fit, wanted)
     without, *ones = (fits[c.members].errors for c in wanted)
-    return {e.name: search.relative_rms(without - one) for e, one in zip(effects, ones, strict=True)}
+    return {e.name: search.relative_rms(search.problem.unweighed(without - one))
+            for e, one in zip(effects, ones, strict=True)}
 
 
 def _named(selected: SelectedSet) -> dict[str, float]:
@@ -337,15 +338,18 @@ def _least_error_set(search: SetSearch, fits: dict[frozenset[str], Refit]) -> tu
     """The visited set of least error, and its error out of fold; None where that is not notably lower."""
     problem, root = search.problem, fits[frozenset()]
     least = min((w for w in search.visited.values() if not w.at_bounds), key=lambda w: w.fit.cost)
-    notable = problem.n_samples * (ACCEPTABLE_MISFIT * search.data.discrepancy.output_rms) ** 2
-    if not root.cost - least.fit.cost > notable:
+
+    def share(errors: np.ndarray) -> float:
+        return search.relative_rms(problem.unweighed(errors)) ** 2
+
+    notable = ACCEPTABLE_MISFIT**2
+    if not share(root.errors) - share(least.fit.errors) > notable:
         return None
     _cross_validate(search, fits, root, [root.composition, least.fit.composition])
-    after = folds_of(problem, fits[least.members])
-    cost = float(np.sum(after**2))
-    if not (_lowers_error(problem, root, after) and _out_of_fold_cost(problem, root) - cost > notable):
+    before, after = folds_of(problem, fits[frozenset()]), folds_of(problem, fits[least.members])
+    if not (_lowers_error(problem, root, after) and share(before) - share(after) > notable):
         return None
-    return tuple(sorted(least.members)), float(np.sqrt(cost / problem.n_samples)) / search.data.discrepancy.output_rms
+    return tuple(sorted(least.members)), float(np.sqrt(share(after)))
 
 
 def _out_of_fold_cost(problem: DiagnosisProblem, fit: Refit) -> float:
@@ -536,5 +540,5 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,
                      ablation.cost - fit.cost, gain_percent(before, before - float(gains.sum())) if before > 0 else 0.0,
-                     float(np.mean(gains > 0)), search.relative_rms(ablation.errors - fit.errors),
+                     float(np.mean(gains > 0)), search.relative_rms(problem.unweighed(ablation.errors - fit.errors)),
                      float(gain) if np.isfinite(gain) else None)

@@ -11,7 +11,7 @@ import numpy as np
 from lpvid._forks import in_forks
 from lpvid._projection import without
 from lpvid.diagnosis.budgets import COARSE_ITERATIONS, NEAR_ITERATIONS
-from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, EffectiveSamples, effective_samples
 from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.priors import misfit_prior
 from lpvid.diagnosis.evidence.relations import compatible
@@ -46,12 +46,8 @@ class VisitedSets:
         By the names of their effects.
     refitted_larger : set of frozenset of str
         Those that `refitted_with` has refitted.
-    kappa : float
-        κ of the best set's error, which is used for all sets.
-    structured : float
-        Share of that error beyond the noise floor.
-    floor : float
-        Variance of the noise.
+    effective : EffectiveSamples
+        Of the best set's error.
     alpha : float
         α of that; larger by `SEARCH_FACTOR` during the search, so that larger sets are reached.
     kappas : tuple of float
@@ -64,9 +60,7 @@ class VisitedSets:
     report_progress: Callable[[str], None]
     visited: dict[frozenset[str], EvaluatedSet] = field(default_factory=dict)
     refitted_larger: set[frozenset[str]] = field(default_factory=set)
-    kappa: float = 1.0
-    structured: float = 0.0
-    floor: float = 0.0
+    effective: EffectiveSamples = field(default_factory=lambda: EffectiveSamples(1.0, 0.0, 0.0))
     alpha: float = SEARCH_FACTOR * STRUCTURED_SAMPLES
     kappas: tuple[float, ...] = ()
 
@@ -84,6 +78,11 @@ class VisitedSets:
     def best(self) -> EvaluatedSet:
         """The most probable set."""
         return max(self.visited.values(), key=self.score)
+
+    @property
+    def kappa(self) -> float:
+        """κ of the best set's error, which is used for all sets."""
+        return self.effective.kappa
 
     def relative_rms(self, values: np.ndarray) -> float:
         """Root mean square of values over that of the output.
@@ -128,7 +127,7 @@ class VisitedSets:
         float
             As of `score`.
         """
-        structured = max(w.fit.cost / self.problem.n_samples - self.floor, 0.0)
+        structured = max(w.mean_square - self.effective.floor, 0.0)
         return w.evidence(kappa) + misfit_prior(np.sqrt(structured) / self.data.discrepancy.output_rms)
 
     def deficit(self, cost: float, other: float) -> float:
@@ -150,9 +149,8 @@ class VisitedSets:
         """Compute κ from the error of the best set, up to three times: another set may become the best."""
         for _ in range(3):
             best = self.best
-            found = best.fit.cached(("effective samples", self.alpha), lambda fit=best.fit: effective_samples(
-                self.problem, self.problem.errors(fit.composition, fit.vector), self.alpha))
-            self.kappa, self.structured, self.floor = found.kappa, found.structured, found.floor
+            self.effective = best.fit.cached(("effective samples", self.alpha), lambda f=best.fit: effective_samples(
+                self.problem, self.problem.errors(f.composition, f.vector), self.alpha))
             if self.best is best:
                 return
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.toy_diagnosis import TRUE, Added, Bent, Dry, problem_of, record
 
+from lpvid._bounded_steps import bounded_minimiser, geodesic_correction
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core
 from lpvid.diagnosis import refitting
@@ -56,7 +57,7 @@ class TestBentValley:
 
     def test_by_straight_steps_it_is_not_in_as_many(self, hidden_wave: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
         problem, composition, start = hidden_wave
-        monkeypatch.setattr(refitting, "_geodesic_correction", lambda *_: None)
+        monkeypatch.setattr(refitting, "geodesic_correction", lambda *_: None)
         assert descend(problem, composition, start, iterations=10).vector[3] < 0.5
 
     def test_no_correction_where_the_change_is_not_finite(self, hidden_wave: tuple) -> None:
@@ -65,7 +66,7 @@ class TestBentValley:
         low, high = composition.bounds
         missed, weights = np.full(problem.n_samples, np.inf), np.ones(problem.n_samples)
         step = np.array([0.0, 0.0, 0.0, 0.1, 0.1])
-        assert refitting._geodesic_correction(fit.jacobian, missed, step, weights, start, 1e-3, low, high) is None
+        assert geodesic_correction(fit.jacobian, missed, step, weights, start, 1e-3, low, high) is None
 
 
 @pytest.mark.parametrize("rough", [False, True])
@@ -107,7 +108,7 @@ def test_a_step_between_bounds_is_the_best_one_also_where_two_columns_are_one(ro
     """xᵀMx/2 − bᵀx over a grid of both parameters; without bounds any pair of the same sum is as good."""
     matrix, right = np.ones((2, 2)), np.array([1.0, 1.0])
     low, high = np.full(2, room[0]), np.full(2, room[1])
-    found = refitting._bounded_minimiser(matrix, right, low, high)
+    found = bounded_minimiser(matrix, right, low, high)
     x = np.clip(np.linspace(-2.0, 2.0, 161), *room)
     cost = (x[:, None] + x) ** 2 / 2 - (x[:, None] + x)
     assert (found >= low).all() and (found <= high).all()

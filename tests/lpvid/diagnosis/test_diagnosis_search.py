@@ -37,8 +37,9 @@ def test_weights_are_averaged_over_the_samples_that_a_structured_error_counts_as
     search.run(root_of(search.problem, Bent()))
     given = {w.members: p for w, p in posterior(search)}
     by_hand = dict.fromkeys(given, 0.0)
+    structured = search.effective.structured
     for worth in (12.5, 12.5 * 2**0.5, 25.0, 25.0 * 2**0.5, 50.0):
-        kept = 1 / max(1 - search.structured + search.structured * search.problem.n_samples / worth, 1.0)
+        kept = 1 / max(1 - structured + structured * search.problem.n_samples / worth, 1.0)
         odds = {m: np.exp(w.evidence(kept) - search.best.evidence(kept)) for m, w in search.visited.items()}
         for m, o in odds.items():
             by_hand[m] += o / sum(odds.values()) / 5

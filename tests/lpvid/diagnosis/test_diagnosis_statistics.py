@@ -29,13 +29,14 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
+from lpvid._bounded_steps import damped_step
 from lpvid._projection import projector, without
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.localise import _after_reversal, _stretches, localise, spectrum_lines
 from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
+from lpvid.diagnosis.refitting import Refit, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
 from lpvid.diagnosis.screening import DETECTABLE_RATIO, ScreeningResult, candidate_change, directions, screen
 from lpvid.effects.composition import Composition
@@ -148,7 +149,7 @@ class TestRefit:
             jacobian = rng.standard_normal((60, size)) @ rng.standard_normal((size, size))
             errors, low, high = 5 * rng.standard_normal(60), -rng.uniform(0, 1, size), rng.uniform(0, 1, size)
             here = rng.uniform(0.98 * low, 0.98 * high)
-            step, promised = _step(jacobian, errors, np.ones(errors.size), here, 0.0, low, high)
+            step, promised = damped_step(jacobian, errors, np.ones(errors.size), here, 0.0, low, high)
             best = lsq_linear(jacobian, errors, bounds=(low - here, high - here), method="bvls").x
             assert ((here + step >= low) & (here + step <= high)).all()
             left = [float(np.sum((errors - jacobian @ s) ** 2)) for s in (step, best)]

@@ -1,0 +1,167 @@
+"""Whitening: weights of the errors where repeats give the spectrum of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid._stationary import toeplitz_basis, variance_components
+from lpvid.baselines.repeats import repeats
+from lpvid.baselines.signals import Signals
+from lpvid.rounding import EXPLODED, TINY
+from lpvid.validation.trust import autocovariance
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """Noise and misfit along the eigenvectors of the noise of a block, and the weights that these give.
+
+    An error e = m + n in a block has along eigenvector i of the covariance of n the variance λ_i of the noise and m_i
+    of the misfit. The misfit counts as α samples of N: its variance is m_i N/α as far as the evidence is concerned, and
+    the precision of the coordinate is p_i = 1/(λ_i + m_i N/α). For white noise and a misfit like it that is the κ/σ² of
+    all other errors. The weights are p_i over their mean. The misfit is partly like the output, partly less peaked than
+    it and partly white: a law errs in proportion to its force, the fit removes most of that where the force has most,
+    and where the motion reverses an error has any frequency.
+
+    Attributes
+    ----------
+    noise, misfit : (n,) arrays
+        λ and m, in the output's unit squared.
+    shapes : (3, n) array
+        Misfits of mean one: like the output's power, like its amplitude, and white.
+    basis : (n, n) array
+        Eigenvectors in columns.
+    root_weight : (n,) array
+        Square roots of the weights.
+    """
+
+    noise: np.ndarray
+    misfit: np.ndarray
+    shapes: np.ndarray
+    basis: np.ndarray
+    root_weight: np.ndarray
+
+    def weighed(self, stacked: np.ndarray) -> np.ndarray:
+        """Values whose squares count by the weights; their blocks keep their places.
+
+        Parameters
+        ----------
+        stacked : (N,) or (N, k) array
+            Block by block.
+
+        Returns
+        -------
+        (N,) or (N, k) array
+        """
+        return self._scaled(stacked, self.root_weight)
+
+    def unweighed(self, stacked: np.ndarray) -> np.ndarray:
+        """Values as they are in time, from those that were weighed.
+
+        Parameters
+        ----------
+        stacked : (N,) or (N, k) array
+
+        Returns
+        -------
+        (N,) or (N, k) array
+        """
+        return self._scaled(stacked, 1 / self.root_weight)
+
+    def squares(self, stacked: np.ndarray) -> np.ndarray:
+        """(n,) mean square along every eigenvector of values as they are in time.
+
+        Parameters
+        ----------
+        stacked : (N,) array
+
+        Returns
+        -------
+        (n,) array
+        """
+        return _squares(stacked, self.basis)
+
+    def beside(self, error: np.ndarray, alpha: float | None = None) -> Whitening:
+        """The same noise beside the misfit of a model, at its most probable variances.
+
+        Parameters
+        ----------
+        error : (N,) array
+            Of the model as it is in time, in the output's unit.
+        alpha : float, optional
+            α, samples that a misfit counts as: of new weights; without it the weights stay.
+
+        Returns
+        -------
+        Whitening
+        """
+        misfit = variance_components(self.squares(error), self.noise, self.shapes) @ self.shapes
+        if alpha is None:
+            return replace(self, misfit=misfit)
+        precision = 1 / (self.noise + misfit * error.size / alpha)
+        return replace(self, misfit=misfit, root_weight=np.sqrt(precision / precision.mean()))
+
+    def independent_share(self, samples: int, alpha: float) -> float:
+        """κ at any α: Σ g (λ + m)/Σ g (λ + m N/α) with the weights g.
+
+        Parameters
+        ----------
+        samples : int
+            N.
+        alpha : float
+            α.
+
+        Returns
+        -------
+        float
+        """
+        weight = self.root_weight**2
+        return float(weight @ (self.noise + self.misfit) / (weight @ (self.noise + self.misfit * samples / alpha)))
+
+    def _scaled(self, stacked: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        blocks = stacked.reshape(-1, self.noise.size, *stacked.shape[1:])
+        return np.matmul((self.basis * scale) @ self.basis.T, blocks.reshape(*blocks.shape[:2], -1)
+                         ).reshape(stacked.shape)
+
+
+def _squares(stacked: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    return np.mean((stacked.reshape(-1, len(basis)) @ basis) ** 2, axis=0)
+
+
+def whitening_of(signals: Sequence[Signals], errors: Sequence[np.ndarray], channels: Sequence[str],
+                 output: np.ndarray, size: int) -> Whitening | None:
+    """The noise of blocks of some samples, from the error that does not repeat where the inputs do.
+
+    Parameters
+    ----------
+    signals : sequence of Signals
+        One for each record, whole.
+    errors : sequence of (n,) arrays
+        Of any model, per record, in the output's unit: what repeats of them is left out.
+    channels : sequence of str
+        The inputs that must repeat.
+    output : (N,) array
+        Of the blocks, one after the other, about its mean.
+    size : int
+        n, samples of a block.
+
+    Returns
+    -------
+    Whitening or None
+        Without misfit and with equal weights; None where fewer samples repeat than two blocks have.
+    """
+    pairs = [r.pair(errors) for r in repeats(signals, channels)]
+    differences = [(first - second) / np.sqrt(2) for first, second in pairs]
+    count = sum(d.size for d in differences)
+    if count < 2 * size:
+        return None
+    covariance = np.sum([autocovariance(d, size) for d in differences], axis=0) / count
+    if not 0 < covariance[0] < EXPLODED:
+        return None
+    noise, basis = toeplitz_basis(covariance)
+    like_output = _squares(output, basis)
+    shapes = np.array([like_output**power for power in (1.0, 0.5, 0.0)])
+    shapes /= np.maximum(shapes.mean(axis=1, keepdims=True), TINY)
+    return Whitening(noise, np.zeros(size), shapes, basis, np.ones(size))
