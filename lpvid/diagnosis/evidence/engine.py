@@ -207,7 +207,7 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
     composition, inputs = Composition(baseline), [c for c in baseline.channels if c != baseline.output]
-    noise = whitening_of(recorded, [s.output - composition.predict(s, baseline.vector) for s in recorded], inputs,
+    noise = whitening_of(recorded, replace(problem, signals=recorded).errors(composition, baseline.vector), inputs,
                          problem.stack([s.output - s.output.mean() for s in problem.signals]),
                          problem.n_samples // problem.blocks.count)
     return SetSearch(data, usable, channels, report_progress, noise=noise), unusable

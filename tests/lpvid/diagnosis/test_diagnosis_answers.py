@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.toy_diagnosis import CAUSES, NOISES, Added, Bent, Cubic, Dry, DryTwin, problem_of, record
+from helpers.toy_diagnosis import CAUSES, NOISES, Added, Bent, Cubic, Dry, DryTwin, drive, problem_of, record
 
 from lpvid.baselines.baseline import Coefficient
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.evidence.calibration import SLOPE, component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
+from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.relations import related
@@ -274,3 +275,26 @@ def test_a_form_is_listed_with_the_components_that_it_describes_too():
     assert not found.causes and [r.names for r in found.rivals] == [("any-step", "cubic")]
     assert found.verdict == "cannot-tell" and "a form that describes cubic too" in found.reason
     assert found.after.esr_held_out < found.before.esr_held_out
+
+
+@pytest.mark.thinned(2)
+@pytest.mark.parametrize("hidden", [lambda x: 0.1 * np.sin(9 * x), lambda x: 0.2 * np.sign(x)], ids=["wave", "dry"])
+def test_a_repeat_shows_a_small_cause_in_slow_noise(hidden, rng):
+    """Causes of 1.5 and 4.5 % of the output in slow noise of 7 %: named from two equal runs, not from two others."""
+    u = drive(3000, rng)
+    first, again, other = (record(rng, "ar1", 0.3, u=v, hidden=hidden) for v in (u, u, drive(3000, rng)))
+    wanted = "wave" if abs(hidden(np.array([1.0]))[0]) < 0.1 else "dry"
+    found = diagnose([first, again], Bent(), CAUSES)
+    assert [c.name for c in found.causes] == [wanted] and found.verdict == "explained"
+    assert found.noise["independent_samples"] > 8 * STRUCTURED_SAMPLES
+    assert found.noise["level"] == pytest.approx(0.3, rel=0.25)
+    assert not diagnose([first, other], Bent(), CAUSES).causes
+
+
+@pytest.mark.seconds
+def test_slow_noise_of_repeats_is_no_cause(rng):
+    """Of six pairs of runs with nothing hidden none has a named cause."""
+    for _ in range(6):
+        u = drive(2000, rng)
+        found = diagnose([record(rng, "ar1", 0.3, u=u) for _ in range(2)], Bent(), CAUSES)
+        assert found.verdict == "nothing-to-explain" and not found.causes

@@ -1,0 +1,112 @@
+"""Weights of errors by the noise that repeats show: against generalised least squares and against white noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.toy_diagnosis import PERIOD, coloured, drive
+from scipy.linalg import toeplitz
+
+from lpvid._stationary import toeplitz_basis, variance_components
+from lpvid.baselines.signals import Signals
+from lpvid.diagnosis.evidence.effective_samples import kappa_of
+from lpvid.rounding import EXPLODED
+from lpvid.validation.whitening import Whitening, whitening_of
+
+SIZE, BLOCKS, ALPHA = 60, 50, 25.0
+POLE = 0.95
+AR1 = POLE ** np.arange(SIZE)
+"""autocovariance of the slow noise, of unit variance"""
+
+
+def slow() -> Whitening:
+    noise, basis = toeplitz_basis(AR1)
+    return Whitening(noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
+
+
+def runs(count: int, rng: np.random.Generator, misfit: float = 0.0) -> tuple[list[Signals], list[np.ndarray]]:
+    """Records of one input, with errors of which the misfit repeats and slow noise of unit variance does not."""
+    u = drive(SIZE * BLOCKS, rng)
+    found = [Signals(PERIOD, {"u": u}, u, f"run-{k}") for k in range(count)]
+    return found, [misfit * np.sin(5 * u) + coloured(u.size, rng, u) for _ in range(count)]
+
+
+def test_white_noise_and_a_white_misfit_count_as_without_weights(rng: np.random.Generator) -> None:
+    """κ is that of p = 1/5 for noise of variance 4 and a misfit of variance 1; all weights are one."""
+    noise, basis = toeplitz_basis(4.0 * np.eye(1, SIZE)[0])
+    flat = Whitening(noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
+    found = flat.beside(np.sqrt(5.0) * rng.standard_normal(SIZE * 4000), ALPHA)
+    np.testing.assert_allclose(found.root_weight, 1.0, rtol=1e-9)
+    assert found.misfit == pytest.approx(1.0, rel=0.1)
+    share = float(found.misfit.mean() / (found.noise + found.misfit).mean())
+    for alpha in (ALPHA, 2 * ALPHA):
+        assert found.independent_share(SIZE * BLOCKS, alpha) == pytest.approx(kappa_of(share, SIZE * BLOCKS, alpha))
+
+
+def test_least_squares_of_weighed_values_are_generalised_least_squares(rng: np.random.Generator) -> None:
+    """Aitken (1935), by the inverse covariance of a block; without misfit every sample is worth one."""
+    found = slow().beside(coloured(SIZE * BLOCKS, rng, np.ones(1)) * 0.9, ALPHA)
+    assert np.allclose(found.misfit, 0.0, atol=1e-3) and found.independent_share(SIZE * BLOCKS, ALPHA) > 0.9
+    exact = slow()
+    exact = Whitening(exact.noise, exact.misfit, exact.shapes, exact.basis, 1 / np.sqrt(exact.noise))
+    columns, y = rng.standard_normal((SIZE * BLOCKS, 3)), rng.standard_normal(SIZE * BLOCKS)
+    ours = np.linalg.lstsq(exact.weighed(columns), exact.weighed(y), rcond=None)[0]
+    inverse = np.kron(np.eye(BLOCKS), np.linalg.inv(toeplitz(AR1)))
+    np.testing.assert_allclose(ours, np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse @ y), rtol=1e-8)
+
+
+def test_weights_are_taken_back(rng: np.random.Generator) -> None:
+    found = slow().beside(rng.standard_normal(SIZE * BLOCKS), ALPHA)
+    for values in (rng.standard_normal(SIZE * BLOCKS), rng.standard_normal((SIZE * BLOCKS, 4))):
+        np.testing.assert_allclose(found.unweighed(found.weighed(values)), values, atol=1e-9)
+        assert not np.allclose(found.weighed(values), values, rtol=0.1)
+
+
+def test_the_noise_is_what_does_not_repeat(rng: np.random.Generator) -> None:
+    """Whatever repeats: a misfit of three times the noise changes nothing. The spectrum is that of an AR(1)."""
+    signals, errors = runs(3, rng)
+    output = signals[0].output - signals[0].output.mean()
+    found = whitening_of(signals, errors, ["u"], output, SIZE)
+    assert found is not None
+    repeated = 3.0 * np.sin(5 * signals[0]["u"])
+    again = whitening_of(signals, [e + repeated for e in errors], ["u"], output, SIZE)
+    assert again is not None
+    np.testing.assert_allclose(again.noise, found.noise, rtol=1e-6)
+    true = np.linalg.eigvalsh(toeplitz(AR1))
+    assert found.noise.mean() == pytest.approx(1.0, rel=0.25)
+    np.testing.assert_allclose(np.log(found.noise), np.log(true), atol=1.0)
+
+
+def test_nothing_is_weighed_where_nothing_repeats(rng: np.random.Generator) -> None:
+    signals, errors = runs(2, rng)
+    output = signals[0].output
+    other = Signals(PERIOD, {"u": drive(SIZE * BLOCKS, rng)}, output, "other")
+    assert whitening_of([signals[0], other], errors, ["u"], output, SIZE) is None
+    assert whitening_of(signals, [np.full(output.size, EXPLODED), errors[1]], ["u"], output, SIZE) is None
+    assert whitening_of(signals, [errors[0], errors[0]], ["u"], output, SIZE) is None
+    assert whitening_of(signals, errors, ["u"], output, output.size) is None
+
+
+def test_a_misfit_counts_as_few_samples_where_it_is(rng: np.random.Generator) -> None:
+    """Like the output, at low frequencies: above them the noise alone decides, and errors there count."""
+    signals, errors = runs(2, rng, misfit=0.0)
+    output = 4.0 * (signals[0].output - signals[0].output.mean())
+    found = whitening_of(signals, errors, ["u"], output, SIZE)
+    assert found is not None
+    noisy = found.beside(errors[0], ALPHA)
+    misfitting = found.beside(errors[0] + output, ALPHA)
+    assert misfitting.misfit.mean() > 5 * noisy.misfit.mean()
+    assert misfitting.independent_share(output.size, ALPHA) < 0.5 * noisy.independent_share(output.size, ALPHA)
+    slowest = found.noise.argmax()
+    assert misfitting.root_weight[slowest] / misfitting.root_weight.max() < 0.1
+
+
+def test_variances_are_those_that_were_drawn(rng: np.random.Generator) -> None:
+    """Two spectra beside known noise, from 400 draws of 100 coordinates; a third one is absent."""
+    at = np.linspace(0, 1, 100)
+    known, shapes = rng.uniform(0.5, 2.0, 100), np.array([2 * at, np.sin(20 * at) ** 2, 3 * at**8])
+    variance = known + np.array([1.0, 0.0, 3.0]) @ shapes
+    squares = np.mean(variance * rng.standard_normal((400, 100)) ** 2, axis=0)
+    found = variance_components(squares, known, shapes)
+    np.testing.assert_allclose(found, [1.0, 0.0, 3.0], atol=0.3)
+    assert (found >= 0).all()
