@@ -225,7 +225,7 @@ def test_an_unstable_identified_model_is_exported_with_a_warning(folder, tmp_pat
         assert ("this model is NOT stable: largest frozen pole modulus 1.05" in shown) == words
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("run_of_it", [Figures("free-run", None, None, None, "N", 1200, diverged_at=772),
                                        Figures("free-run", 1.2, -9.5, 80.0, "N", 1200)])
 def test_a_free_run_that_is_none_of_the_training_data_is_a_shortfall(folder, tmp_path, monkeypatch, run_of_it):

@@ -112,7 +112,7 @@ def test_the_false_discovery_rate_holds(count: int) -> None:
     assert np.mean(named) > 0.95
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(("count", "size"), [(40, 3), (60, 12), (200, 12)])
 def test_the_false_discovery_rate_holds_between_parameters(count: int, size: int) -> None:
     rng = np.random.default_rng(count + size)

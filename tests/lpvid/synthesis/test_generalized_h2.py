@@ -69,6 +69,7 @@ def test_peak_of_two_outputs_costs_less_than_both_and_more_than_one():
     assert peak["verified"] < both["verified"] < np.sqrt(2) * peak["verified"] * 1.03
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("moving", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_no_trajectory_exceeds_the_bound_in_discrete_time(moving):
     """|z(k)| over ‖w‖ along a given path is √λmax(CW(k)Cᵀ + DDᵀ) with W⁺ = AWAᵀ + BBᵀ."""

@@ -617,7 +617,7 @@ def test_a_rest_between_two_tests_of_one_stroke_belongs_to_neither():
         assert f.force == pytest.approx(f.direction * 2000.0 * f.speed, abs=2.0), f
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("periodic", [True, False])
 def test_a_force_at_the_end_of_its_range_is_not_given(periodic):
     rate, rng = 500.0, np.random.default_rng(4)

@@ -178,6 +178,7 @@ def test_a_dashpot_told_by_differences_of_displacement_is_one_at_constant_veloci
     assert found.passivity().power == 0.0
 
 
+@pytest.mark.seconds
 def test_work_of_a_cycle_against_the_loop() -> None:
     found = estimated(Narx2(degree=1), [record()]).damper
     size, f = 0.01, 4.0
@@ -215,6 +216,7 @@ def test_fit_reports_free_run_figures() -> None:
     assert np.abs(errors).max() < 4
 
 
+@pytest.mark.seconds
 def test_refusals() -> None:
     with pytest.raises(InputError, match="has not been fitted yet"):
         Narx2().simulate(record())

@@ -271,6 +271,7 @@ def test_gaps_cut_and_velocity_is_derived_with_a_note() -> None:
     assert any("velocity derived" in n for n in found.notes) and any("cut into 2 pieces" in n for n in found.notes)
 
 
+@pytest.mark.seconds
 def test_currents_are_remembered_and_those_outside_counted() -> None:
     v, rng = sweep(), np.random.default_rng(0)
     low, high = rng.uniform(0, 1, v.size), rng.uniform(0.5, 1.5, v.size)

@@ -219,7 +219,7 @@ def test_runge_kutta_serves_below_the_limit() -> None:
     assert explicit is not None and np.abs(explicit - exact).max() < 1e-3 * exact.std()
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(4, "slow", "seconds")
 @pytest.mark.parametrize(("sharpness", "explicit_error"), [(5e3, 1e-4), (2e4, 0.25), (8e4, None), (1e6, None)])
 def test_the_figures_that_the_docstring_states(sharpness: float, explicit_error: float | None) -> None:
     damper, drive = uniform(sharpness), sine(1.3)
