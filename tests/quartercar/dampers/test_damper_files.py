@@ -61,10 +61,17 @@ def command(*arguments: object, code: int = 0):
     return result
 
 
+class Fitted(dict[str, Damper]):
+    """Sampled dampers by name, fitted when a test first asks for one."""
+
+    def __missing__(self, name: str) -> Damper:
+        return self.setdefault(name, fit(SAMPLED[name], record()).damper)
+
+
 @pytest.fixture(scope="module")
-def fitted() -> dict[str, Damper]:
+def fitted() -> Fitted:
     """Sampled dampers after a fit, which is when they have something to store."""
-    return {name: fit(damper, record()).damper for name, damper in SAMPLED.items()}
+    return Fitted()
 
 
 def own_esr(damper: Damper, data: Record) -> float:

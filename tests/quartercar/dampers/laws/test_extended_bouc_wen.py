@@ -163,6 +163,7 @@ def test_derivatives_against_the_complex_step(lag: str) -> None:
         assert np.abs(found[:, j] - exact).max() < 1e-10 * np.abs(exact).max(), damper.names[j]
 
 
+@pytest.mark.seconds
 def test_derivatives_only_of_rows_that_the_current_reaches() -> None:
     damper = ExtendedBoucWen(nodes=(0.0, 0.5, 1.0, 2.0))
     found = damper.jacobian(sine(0.3, current=0.7), damper.vector)
