@@ -61,7 +61,7 @@ def test_a_process_that_dies_takes_only_its_item_with_it() -> None:
     assert [d.value for d in found] == [1, None, 2, 3] and "died" in str(found[1].error)
 
 
-@pytest.mark.thinned(6, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("function", "stated"), [
     (importable.unreadable_error, "TwoParts: 1 of 2"), (importable.unwritable, "the result cannot be sent: too deep"),
     (importable.killed_amid_its_answer, "its process died")])

@@ -54,6 +54,7 @@ def mixtures(vertices, count, rng):
     return rng.dirichlet(0.5 * np.ones(len(vertices)), count) @ vertices
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_one_matrix_decreases_at_every_mixture_of_the_vertices(sample_time, rng):
     model = oscillator(sample_time)
@@ -110,6 +111,7 @@ def test_frozen_poles_are_those_of_the_polytope(rng):
     assert not whole.stable and whole.hull is None
 
 
+@pytest.mark.seconds
 def test_span_of_a_line_by_sampling(rng):
     hull = lpv.Hull.of(("a", "b", "c"), rng.standard_normal((30, 3)) * [1, 10, 100])
     for _ in range(20):

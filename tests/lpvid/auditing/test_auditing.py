@@ -168,7 +168,7 @@ def test_rates_that_differ() -> None:
 
 
 # -- single channels --------------------------------------------------------------------------------------------
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(
     ("fault", "name", "severity"),
     [
@@ -699,6 +699,7 @@ def stepped_current(rate: float = 5000.0) -> Record:
                   sample_time=1 / rate, units={"displacement": "m", "current": "A", "force": "N"})
 
 
+@pytest.mark.seconds
 def test_where_the_current_steps_no_rate_is_named_at_which_its_lag_is_lost():
     (finding,) = audit(stepped_current()).of("oversampled")
     assert float(finding.mend.removeprefix("--sample-rate ")) >= 500.0 and "steps of the current" in finding.evidence

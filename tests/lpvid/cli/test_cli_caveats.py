@@ -125,6 +125,7 @@ def test_units_that_no_file_states_are_named_by_every_command_that_runs_a_model(
     assert "no unit is stated" not in run(name, folder / "plain/model.json", folder / "wide.csv", *more).output
 
 
+@pytest.mark.seconds
 def test_units_of_later_files_count_in_parts_too(folder):
     shown = run("identify", folder / "run.csv", folder / "bare.csv", *IO, "--chunk", 500).output
     assert "no unit is stated for 'force': taken as SI" in shown

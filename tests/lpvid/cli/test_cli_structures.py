@@ -300,6 +300,7 @@ def test_refit_writes_the_fit_to_all_data(chosen):
 
 
 # -- affine terms where the scheduling is constant -------------------------------------------------------------------
+@pytest.mark.seconds
 def test_one_affine_term_where_the_scheduling_stands_still(tmp_path):
     """Records at 0, 1 and 2 A with an offset of 5 − 2 p: one c_0, and a mend that names it when more are asked for."""
     rng = np.random.default_rng(0)

@@ -38,6 +38,7 @@ def installed(monkeypatch):
     return pretend_installed(monkeypatch)
 
 
+@pytest.mark.seconds
 def test_a_further_record_of_constant_output_has_no_share_but_an_error(installed):
     """Its ESR is no number, before and after: which error is less, and by how much, is known all the same."""
     other = measured(1)
@@ -170,6 +171,7 @@ def test_a_channel_that_only_some_records_have_is_left_out():
     assert "temperature is left out: only 1 of 2 records have it" in task.prepared.notes
 
 
+@pytest.mark.seconds
 def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
     found = lpv.diagnose(measured(friction=0.0), "viscous", CATALOGUE, parameters={"slope": 60.0, "polarity": 1})
     assert found.verdict == "nothing-to-explain"

@@ -190,6 +190,7 @@ class TestRemainder:
         share, spread = predictable_share(problem, errors, ["u"])
         assert share < 0.02 and abs(share) < 0.15 and share - 2 * spread < 0.02
 
+    @pytest.mark.seconds
     @pytest.mark.parametrize("hidden", [lambda u: np.sign(u), lambda u: np.abs(u) * u,
                                         lambda u: np.concatenate([np.zeros(6), u[:-6]]) ** 2])
     def test_what_follows_the_input_is(self, hidden: object, rng: np.random.Generator) -> None:

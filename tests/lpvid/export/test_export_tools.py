@@ -275,6 +275,7 @@ def test_the_command_writes_every_form_or_nothing(tmp_path, rng):
     assert run(model, "--sample-rate", "-1").exit_code == 2
 
 
+@pytest.mark.seconds
 @needs_compiler
 def test_limits_from_the_command_line(tmp_path, rng):
     model = lpv.save(state_space(rng, state_offset=None), tmp_path / "model.json")

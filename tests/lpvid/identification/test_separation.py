@@ -144,6 +144,7 @@ def test_dependent_columns_of_one_input_are_still_refused() -> None:
         lpv.identify(record, lpv.ARX(na=1, nb=1, input=INPUTS, output="y", basis=lpv.Polynomial("p", degree=1)))
 
 
+@pytest.mark.seconds
 def test_the_split_is_one_of_information_and_metric() -> None:
     """Oracle: generalised eigenvectors by scipy on the same matrices."""
     from scipy.linalg import eigh

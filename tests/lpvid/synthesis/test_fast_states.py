@@ -47,6 +47,7 @@ def test_what_is_kept_is_slow_and_keeps_its_bound(seed):
     assert found.certificate is None or lpv.verify(found.certificate, found.closed_loop).holds
 
 
+@pytest.mark.seconds
 def test_no_feedthrough_is_added_where_none_was_wanted():
     case, _, _ = random_case(86)
     found = lpv.synthesize(case, lpv.OutputFeedback(strictly_proper=True))

@@ -62,6 +62,7 @@ def test_optimum_for_one_output_is_the_linear_quadratic_one():
     assert optimum * (1 - 1e-4) <= found.figures[0]["verified"] <= optimum * 1.01
 
 
+@pytest.mark.seconds
 def test_peak_of_two_outputs_costs_less_than_both_and_more_than_one():
     plant = spring_mass(lower=2.0, upper=2.0, full=False)
     peak = lpv.synthesize(plant, lpv.MultiObjective(lpv.GeneralizedH2())).figures[0]

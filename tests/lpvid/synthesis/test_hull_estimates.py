@@ -80,6 +80,7 @@ def test_estimate_follows_the_plant_while_the_scheduling_jumps(rng):
     assert np.linalg.norm(error) < 1e-3
 
 
+@pytest.mark.seconds
 def test_measurements_that_vary_need_a_constant_gain(rng):
     system = mixed().system
     c = np.array(system.C)

@@ -24,7 +24,7 @@ def system(a, b, c, names=(("u",), ("y",))):
                              outputs=names[1])
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("a", "b", "c"), [
     ([[0, 1.0], [0, 0]], [[0.0], [1]], [[1.0, 0]]),
     ([[1.0, 0.3], [0.2, -2.0]], [[1.0], [0.5]], [[1.0, 1.0]]),

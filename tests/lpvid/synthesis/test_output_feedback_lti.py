@@ -136,6 +136,7 @@ def test_asked_for_a_bound_it_gives_that_or_says_what_is_least():
     assert "9.508" in refused.why and "9.508" in refused.mend
 
 
+@pytest.mark.seconds
 def test_a_loop_is_what_close_loop_says():
     p = scherer()
     result = synthesize(p, OutputFeedback())

@@ -62,7 +62,7 @@ def test_that_of_two_disks(tmp_path: Path) -> None:
     assert _stored(lpv.synthesize(two_disks(), lpv.OutputFeedback()), tmp_path).states is not None
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("varying", ["controls", "measurements"])
 def test_that_of_a_moving_matrix_has_its_own_functions(varying: str, tmp_path: Path) -> None:
     """X(p), Y(p) over {1, k} make P⁻¹ or P a polynomial of degree one: no fit, on the whole box."""

@@ -178,6 +178,7 @@ def test_a_displacement_of_the_wrong_unit_is_stated(files, tmp_path):
     assert "velocity-scale" not in run(files[0], "--models", "linear").stdout
 
 
+@pytest.mark.seconds
 def test_a_published_set_beside_the_fits(files, tmp_path):
     (tmp_path / "handbook.json").write_text(json.dumps({"model": "guo", "parameters": {}}))
     described = json.loads(

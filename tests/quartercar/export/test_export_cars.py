@@ -341,6 +341,7 @@ def test_the_entry_point_names_this_exporter():
     assert re.search(r'\[project\.entry-points\."lpvid\.exports"\]\nquartercar = "quartercar\.export:EXPORTER"', text)
 
 
+@pytest.mark.seconds
 def test_a_damper_file_is_exported_from_the_command_line(tmp_path):
     from typer.testing import CliRunner
 

@@ -174,6 +174,7 @@ def test_a_short_range_cannot_tell_and_names_the_missing_speeds(name: str, low: 
     assert all("mm/s" in r and any(word in r for word in missing.split("|")) for r in undecided)
 
 
+@pytest.mark.seconds
 def test_the_missing_speeds_do_tell(rng: np.random.Generator) -> None:
     short = choose_network(characteristic("series", 0.01, rng, np.geomspace(2e-5, 6e-5, 12)))
     assert short.verdict == "cannot tell"

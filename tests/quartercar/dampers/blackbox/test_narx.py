@@ -66,6 +66,7 @@ def test_coefficients_of_the_loop_come_back(method: str) -> None:
     assert len(found.names) == 12 and found.reads == ("displacement", "velocity", "current")
 
 
+@pytest.mark.seconds
 def test_three_lags() -> None:
     rng = np.random.default_rng(2)
     a = np.column_stack([-np.poly([0.6, 0.3 + 0.4j, 0.3 - 0.4j])[1:].real, np.zeros(3)])
@@ -153,6 +154,7 @@ def test_structure_follows_the_data() -> None:
     assert (poor.degree, poor.displacement, poor.reads) == (0, False, ("velocity",))
 
 
+@pytest.mark.seconds
 def test_rest_and_static_force_against_a_long_loop() -> None:
     found = estimated(Narx2(degree=1), [record()]).damper
     x, v, i = 0.01, 0.2, 1.3

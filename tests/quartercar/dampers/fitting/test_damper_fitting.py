@@ -136,6 +136,7 @@ def test_many_starts_find_the_minimum_that_one_misses() -> None:
     assert f"{starts.agreed} of {starts.searched} starts agree" in repr(many)
 
 
+@pytest.mark.seconds
 def test_the_same_seed_gives_the_same_fit() -> None:
     _, given = _tanh(30.0)
     one, two = (fit(Tanh(), given, settings=FitSettings(seed=3)) for _ in range(2))
