@@ -253,6 +253,7 @@ def test_three_variables(rng):
     assert lpv.verify(slow.certificate, loop).holds
 
 
+@pytest.mark.seconds
 def test_a_certificate_without_a_polytope_does_not_hold():
     found = synthesized(lpv.OutputFeedback, 0.05, varying="controls")
     held = found.certificate

@@ -385,7 +385,7 @@ def test_bad_input_in_one_line():
     with pytest.raises(InputError, match="has not been fitted"):
         QuarterCar(MEGANE, LpvArx()).run(np.zeros(5), STEP)
     with pytest.raises(InputError, match="512 Hz"):
-        QuarterCar(MEGANE, truth("lpv-arx")).run(np.zeros(5), STEP)
+        QuarterCar(MEGANE, truth("narx-2")).run(np.zeros(5), STEP)
     with pytest.raises(InputError, match="a model of quartercar"):
         QuarterCar(MEGANE, "guo")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no signal"):
