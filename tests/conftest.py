@@ -16,6 +16,7 @@ os.environ.setdefault("MPLBACKEND", "agg")  # an example that shows its figure o
 from collections.abc import Callable, Generator, Iterable, Iterator  # noqa: E402
 from contextlib import AbstractContextManager, contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
+from types import SimpleNamespace  # noqa: E402
 from typing import TYPE_CHECKING  # noqa: E402
 
 import numpy as np  # noqa: E402
@@ -134,11 +135,16 @@ LONG_PAGES = ("docs/dampers.md", "docs/diagnosis.md", "docs/fixed_structure.md",
 """pages whose examples fit and design for seconds what the tests of the same rooms do too: marked ``seconds``"""
 
 
+NO_CASE = SimpleNamespace(marks=())
+"""of a test without parameters"""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default, of ``seconds`` none.
 
-    The others are ``slow``, or what the marker says in its second place; the third is a marker of the first ones.
+    The others are ``slow``, or what the marker says in its second place; the third is a marker of the first ones. A
+    case that is marked ``slow`` itself is not of ``seconds``, whatever its function is.
     """
     seen: dict[str, int] = {}
     for item in items:
@@ -152,6 +158,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if marker:
                 item.add_marker(marker)
             seen[name] += 1
+        if any(case.name == "slow" for case in getattr(item, "callspec", NO_CASE).marks):
+            item.own_markers[:] = [m for m in item.own_markers if m.name != "seconds"]
         if item.get_closest_marker("seconds") is not None:
             item.add_marker(pytest.mark.slow)
 
