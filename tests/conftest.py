@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import gc
+import itertools
 import os
 
 os.environ.setdefault("LPVID_PROGRESS", "quiet")  # a slow machine must not add lines to an error
@@ -12,13 +13,15 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # small matrices:
     os.environ.setdefault(_variable, "1")
 os.environ.setdefault("MPLBACKEND", "agg")  # an example that shows its figure opens no window
 
-from collections.abc import Callable, Iterator  # noqa: E402
+from collections.abc import Callable, Generator, Iterable, Iterator  # noqa: E402
 from contextlib import AbstractContextManager, contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
+from types import SimpleNamespace  # noqa: E402
 from typing import TYPE_CHECKING  # noqa: E402
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+from _pytest.doctest import DoctestModule  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 if TYPE_CHECKING:
@@ -29,6 +32,8 @@ if TYPE_CHECKING:
 settings.register_profile("steady", derandomize=True, deadline=None)
 settings.load_profile("steady")
 
+
+TESTS = Path(__file__).parent
 
 collect_ignore_glob = ["helpers/*", "benchmarks/[!t]*", "benchmarks/thesis_study.py"]
 """modules without a test or a doctest: their imports would only lengthen the collection"""
@@ -44,6 +49,57 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.set_threshold(*GENERATIONS)
     _share_processors()
     _build_commands_once()
+    os.environ.get("NOX") or config.pluginmanager.register(_OfExamplesOnly())
+    if _is_from_the_end(config):
+        config.pluginmanager.register(_FromTheEnd())
+
+
+def _is_from_the_end(config: pytest.Config) -> bool:
+    """Whether this is every second worker of a run over all tests: it imports the test modules from the last on."""
+    worker = getattr(config, "workerinput", {}).get("workerid", "gw0")
+    return int(worker[2:]) % 2 == 1 and config.args_source is pytest.Config.ArgsSource.TESTPATHS
+
+
+def _files_reversed(nodes: Iterable[pytest.Item | pytest.Collector]) -> list:
+    """The last file or folder first, what is of one in its own order."""
+    files = [list(same) for _, same in itertools.groupby(nodes, key=lambda node: node.path)]
+    return [node for same in reversed(files) for node in same]
+
+
+class _Backwards(pytest.Dir):
+    """A folder, collected from its end."""
+
+    def collect(self) -> list:
+        return _files_reversed(super().collect())
+
+
+class _FromTheEnd:
+    """Collect tests from the last file on: what one worker has rewritten for its assertions, the other then loads.
+
+    Rewriting all of them takes 14 s of processor time, as long as all else of the collection.
+    """
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collect_directory(self, path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+        inside = path == TESTS or TESTS in path.parents
+        return _Backwards.from_parent(parent, path=path) if inside else None
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Workers have their tests in one order."""
+        ours = [item for item in items if TESTS in item.path.parents]
+        items[:] = _files_reversed(ours) + [item for item in items if TESTS not in item.path.parents]
+
+
+class _OfExamplesOnly:
+    """Modules without an example are neither imported nor searched for one: a third of a collection."""
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collect_file(self, file_path: Path) -> Generator[None, list, list]:
+        found = yield
+        if file_path.suffix == ".py" and b">>> " not in file_path.read_bytes():
+            return [node for node in found if not isinstance(node, DoctestModule)]
+        return found
 
 
 def _build_commands_once() -> None:
@@ -79,11 +135,16 @@ LONG_PAGES = ("docs/dampers.md", "docs/diagnosis.md", "docs/fixed_structure.md",
 """pages whose examples fit and design for seconds what the tests of the same rooms do too: marked ``seconds``"""
 
 
+NO_CASE = SimpleNamespace(marks=())
+"""of a test without parameters"""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of a test with the marker ``thinned(n)`` the first case and every n-th run by default, of ``seconds`` none.
 
-    The others are ``slow``, or what the marker says in its second place.
+    The others are ``slow``, or what the marker says in its second place; the third is a marker of the first ones. A
+    case that is marked ``slow`` itself is not of ``seconds``, whatever its function is.
     """
     seen: dict[str, int] = {}
     for item in items:
@@ -92,9 +153,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         mark = item.get_closest_marker("thinned")
         if mark is not None:
             name = item.nodeid.split("[")[0]
-            if seen.setdefault(name, 0) % mark.args[0]:
-                item.add_marker(mark.args[1] if len(mark.args) > 1 else "slow")
+            n, rest, kept = (*mark.args, *("slow", None)[len(mark.args) - 1:])
+            marker = rest if seen.setdefault(name, 0) % n else kept
+            if marker:
+                item.add_marker(marker)
             seen[name] += 1
+        if any(case.name == "slow" for case in getattr(item, "callspec", NO_CASE).marks):
+            item.own_markers[:] = [m for m in item.own_markers if m.name != "seconds"]
         if item.get_closest_marker("seconds") is not None:
             item.add_marker(pytest.mark.slow)
 

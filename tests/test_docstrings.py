@@ -48,6 +48,17 @@ def own_nodes(function: Function) -> Iterator[ast.AST]:
             waiting += ast.iter_child_nodes(node)
 
 
+def own_statements(function: Function) -> Iterator[ast.AST]:
+    """The statements among them."""
+    waiting: list[ast.AST] = list(function.body)
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            for part in ("body", "orelse", "handlers", "finalbody", "cases"):
+                waiting += getattr(node, part, [])
+
+
 def decorators(node: Function | ast.ClassDef) -> set[str]:
     """Last names of the decorators: `property`, `dataclass`, `overload`, `setter` …"""
     calls = (d.func if isinstance(d, ast.Call) else d for d in node.decorator_list)
@@ -74,7 +85,7 @@ def returns(function: Function) -> bool:
 
 def raises(function: Function) -> bool:
     """Whether the body raises an error of its own (passing on a caught one, or `NotImplementedError`, is none)."""
-    found = (ast.unparse(n.exc) for n in own_nodes(function) if isinstance(n, ast.Raise) and n.exc is not None)
+    found = (ast.unparse(n.exc) for n in own_statements(function) if isinstance(n, ast.Raise) and n.exc is not None)
     return any(not error.startswith("NotImplementedError") for error in found)
 
 

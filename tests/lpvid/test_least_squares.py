@@ -113,6 +113,7 @@ def test_units_of_the_parameters_change_nothing() -> None:
     assert abs(scaled.evaluations - plain.evaluations) <= 2
 
 
+@pytest.mark.seconds
 def test_ends_for_the_stated_reason() -> None:
     f, start, _ = PROBLEMS["brown-dennis"]
     problem, x = _residuals(f), np.array(start)

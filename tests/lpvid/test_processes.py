@@ -53,7 +53,7 @@ def test_results_stand_in_their_order_whatever_the_number_of_processes(workers: 
     assert [type(d.error) for d in found] == [type(None), ValueError, type(None), TypeError, type(None)]
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 def test_a_process_that_dies_takes_only_its_item_with_it() -> None:
     found = in_processes(os._exit, [3, 4], workers=2)
     assert [str(d.error) for d in found] == ["its process died"] * 2
@@ -61,7 +61,7 @@ def test_a_process_that_dies_takes_only_its_item_with_it() -> None:
     assert [d.value for d in found] == [1, None, 2, 3] and "died" in str(found[1].error)
 
 
-@pytest.mark.thinned(6, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("function", "stated"), [
     (importable.unreadable_error, "TwoParts: 1 of 2"), (importable.unwritable, "the result cannot be sent: too deep"),
     (importable.killed_amid_its_answer, "its process died")])
@@ -76,7 +76,7 @@ def test_what_cannot_be_received_is_one_item_lost(function: Callable[[int], obje
     assert not any(d.stopped for d in found)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 def test_an_item_that_cannot_be_made_states_why() -> None:
     class Cut(list):  # items that are made when they are taken, as stretches of records
         def __getitem__(self, k: Any) -> Any:
@@ -88,7 +88,7 @@ def test_an_item_that_cannot_be_made_states_why() -> None:
     assert [d.value for d in found] == [1, None, 3] and "too short" in str(found[1].error)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 def test_what_a_fresh_interpreter_cannot_have_is_stated(forks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """A function of a notebook, or of no module: a fork has it."""
     here = ModuleType("of_a_notebook")
@@ -101,7 +101,7 @@ def test_what_a_fresh_interpreter_cannot_have_is_stated(forks: bool, monkeypatch
         assert all(d.error is None if forks else stated in str(d.error) for d in found)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 def test_an_interruption_while_workers_begin_leaves_none(forks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not forks:
         pytest.skip("threads begin them")
@@ -121,7 +121,7 @@ def test_an_interruption_while_workers_begin_leaves_none(forks: bool, monkeypatc
         os.waitpid(begun[0], os.WNOHANG)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 def test_what_the_caller_has_yet_to_write_is_written_once(forks: bool, tmp_path: Path) -> None:
     """A script that prints to a file of its own, to which nothing else refers."""
     code = f"""
@@ -136,7 +136,7 @@ def test_what_the_caller_has_yet_to_write_is_written_once(forks: bool, tmp_path:
     assert (tmp_path / "log.txt").read_text().split() == ["once"]
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 def test_a_budget_stops_what_runs_and_leaves_what_has_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     """The clock passes the budget once the first item is done and the next two run."""
     passed = [0.0]
@@ -165,7 +165,7 @@ def test_what_runs_is_reported_with_an_estimate() -> None:
     assert stated[0][2] is None and stated[1][2] > stated[2][2] > 0
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 def test_records_go_there_and_back() -> None:
     record = Record({"u": np.arange(5.0)}, sample_time=0.1, roles={"input": "u"}, name="run")
     back, frozen = in_processes(copied, [record, MappingProxyType({"a": 1})], workers=2)
@@ -221,7 +221,7 @@ def test_elsewhere_a_worker_may_have_another_parent(monkeypatch: pytest.MonkeyPa
     _workers.ends_with_parent(-1)
 
 
-@pytest.mark.thinned(4, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("awaited", [0, 1])
 def test_an_interruption_keeps_what_is_done_and_is_raised_where_nothing_is(awaited: int) -> None:
     """One worker sleeps on the slow item, the other is done with the quick one: Ctrl-C comes then, or at once."""

@@ -345,6 +345,7 @@ def test_an_estimated_state_averages_the_noise_out(rng: np.random.Generator) -> 
 
 
 # -- divergence -------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 @settings(deadline=None, max_examples=40)
 @given(scale=st.sampled_from([1e-12, 1e-3, 1.0, 1e6, 1e12]), pole=st.sampled_from([1.3, -1.3, 1.05, 40.0]))
 def test_an_unstable_run_says_where_it_left_and_units_do_not_matter(scale: float, pole: float) -> None:

@@ -293,6 +293,7 @@ def test_a_default_of_a_structure_of_its_own_stands_on_the_command_line():
     assert isinstance(asked, Shrunk) and (asked.na, asked.ridge, asked.nb, asked.affine) == (3, 0.5, (4,), 0)
 
 
+@pytest.mark.seconds
 def test_noisy_outputs_bias_least_squares_and_not_the_estimator_of_the_page(installed):
     """Oracle: the true coefficients, over realisations; the bias of ARX has the size that theory gives."""
     kind, found = STRUCTURES.get("noisy-output"), {}

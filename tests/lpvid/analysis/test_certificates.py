@@ -295,7 +295,7 @@ def test_splines_products_and_delayed_readings():
     assert certify_stability(growing.replace(a=growing.a / 2)).verified  # then |a_1| <= 0.9
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("height", "stable"), [(1e-9, False), (-1e-9, True)])
 def test_a_peak_between_grid_points_decides(height, stable):
     # A = 1 + height − 50 (p − c)²: above 1 only within 4.5e-6 of c, where no grid of the search has a point
@@ -333,6 +333,7 @@ def test_model_without_memory():
 
 
 # -- kept, handed on, tampered with -----------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_round_trip_through_json_is_verified_by_numpy_alone():
     model = alternating(0.6)
     found = certify_stability(model, rate=0.5)
@@ -391,6 +392,7 @@ def test_bad_requests_are_refused(arguments):
         certify_stability(alternating(0.5), **arguments)
 
 
+@pytest.mark.seconds
 def test_verification_runs_without_a_solver(tmp_path):
     model = alternating(0.6)
     (tmp_path / "c.json").write_text(json.dumps(certify_stability(model, rate=0.5).to_dict()), encoding="utf-8")

@@ -87,6 +87,7 @@ def test_an_unstable_model_has_neither():
     assert "none" in str(largest_rate(model)) and largest_range(model).to_dict()["factor"] == 0.0
 
 
+@pytest.mark.seconds
 def test_the_share_of_draws_counts_what_really_verifies(rng):
     """One pole at a ~ N(0.5, σ²), P = 1: the certificate holds exactly where |a| + 0.25 < 1."""
     certificate = certify_stability(lag())

@@ -148,6 +148,7 @@ def test_affine_models_of_four_states_agree_with_bisection(seed):
                 brentq(lambda s: margin(model, s), value.value - width, value.value + width, xtol=1e-14), abs=1e-6)
 
 
+@pytest.mark.seconds
 def test_stable_intervals_agree_with_poles_far_out_and_near(rng):
     for k in range(12):
         model = random_model(rng, 4, 1 + k % 3, bool(k % 2))

@@ -28,7 +28,7 @@ REFERENCE = {0.1: 0.09925, 1.0: 0.66240, 4.0: 0.86630}
 """Gain on a grid of ten points with P of degree 3 (synthesis sheet, section 1)."""
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("rate", "gain"), REFERENCE.items())
 def test_the_reference_case_with_bounded_rates(rate, gain):
     found = l2_gain(vanishing(), rate=rate, basis=Polynomial("d", degree=3), trajectories=False)
@@ -65,7 +65,7 @@ def test_time_invariant_systems_have_their_h_infinity_norm(discrete, rng):
         assert found.lower == pytest.approx(norm, rel=1e-6)
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize("rate", [0.0, 0.3, 1.0])
 def test_a_trigonometric_storage_function_is_exact_for_a_rotating_system(rate):
     inner, turn = np.array([[-1.0, 2.0], [0.0, -1.5]]), np.array([[0.0, -1.0], [1.0, 0.0]])

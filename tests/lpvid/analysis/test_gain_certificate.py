@@ -70,6 +70,7 @@ def test_what_is_no_certificate_is_refused():
         lpv.verify("gain", vanishing())  # type: ignore[arg-type]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("discrete", [False, True])
 def test_arrays_give_the_same_verdict_as_the_certificate(discrete, rng):
     model = random_stable(rng, 3, 1, discrete)

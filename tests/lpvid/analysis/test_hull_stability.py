@@ -54,6 +54,7 @@ def mixtures(vertices, count, rng):
     return rng.dirichlet(0.5 * np.ones(len(vertices)), count) @ vertices
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_one_matrix_decreases_at_every_mixture_of_the_vertices(sample_time, rng):
     model = oscillator(sample_time)
@@ -110,6 +111,7 @@ def test_frozen_poles_are_those_of_the_polytope(rng):
     assert not whole.stable and whole.hull is None
 
 
+@pytest.mark.seconds
 def test_span_of_a_line_by_sampling(rng):
     hull = lpv.Hull.of(("a", "b", "c"), rng.standard_normal((30, 3)) * [1, 10, 100])
     for _ in range(20):
@@ -171,7 +173,7 @@ def test_largest_rate_on_a_hull_is_above_one_that_is_covered(coarse):
     assert not found.arbitrary and found.rates is not None and max(found.rates) >= 0.02
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_gain_of_a_designed_loop_is_that_of_its_hull(sample_time, rng):
     model = oscillator(sample_time)
@@ -263,7 +265,7 @@ def test_a_law_without_states_has_neither_decay_nor_poles(sample_time):
         assert lpv.certify_stability(model).verified and lpv.l2_gain(model).upper == pytest.approx(2.0, rel=1e-3)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_a_certificate_without_finite_vertices_does_not_hold(sample_time):
     model = oscillator(sample_time)
@@ -293,6 +295,7 @@ def test_a_proven_decay_is_not_left_for_a_faster_one_on_a_grid(monkeypatch):
     assert lpv.verify(again.certificate, model).holds
 
 
+@pytest.mark.seconds
 def test_largest_rate_on_a_hull_names_the_polytope():
     assert "any motion within the polytope of 3 vertices is covered" in str(largest_rate(oscillator()))
     still = lpv.LPVStateSpace([[[-1.0]], [[0.1]]], [[[1.0]], [[0.0]]], [[[1.0]], [[0.0]]], np.zeros((2, 1, 1)),
@@ -355,6 +358,7 @@ def test_a_draw_that_is_not_affine_is_not_covered_by_vertices():
     assert lpv.certified_share(certificate, models[1:]).probability == 0.0
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_largest_hull_about_its_middle(sample_time):
     """The pole −(1.5 − p − q), or 1 less T times that, on the triangle about (1/3, 1/3): p + q = 2/3 + k/3, k = 2.5."""

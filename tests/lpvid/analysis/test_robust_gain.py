@@ -23,7 +23,7 @@ LAG = system([[-1.0]], [[1.0, 1.0]], [[1.0], [1.0]])
 OSCILLATOR = system([[0, 1.0], [-1, -0.4]], [[0, 0], [-1, 1.0]], [[1.0, 0], [1.0, 0]])
 
 
-@pytest.mark.thinned(5, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("block", [lpv.Parametric("p", "q", 0.5), lpv.Parametric("p", "q", 0.5, moving=True),
                                    lpv.Dynamic("p", "q", 0.5), lpv.Sector("p", "q", -0.5, 0.5),
                                    lpv.Lipschitz("p", "q", 0.5)])
@@ -47,7 +47,7 @@ def test_constant_stiffness_is_the_worst_frozen_one():
     assert moving.upper > 2 * still.upper
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.2])
 def test_moving_parameter_is_one_more_scheduling_variable(sample_time):
     """ẋ = A(s)x + δ B_p C_q x + B_w w by l2_gain with δ as scheduling, against δ as an uncertainty."""
@@ -151,6 +151,7 @@ def test_a_simulated_nonlinearity_keeps_the_bound():
     assert 0.3 * found.upper < worst < found.upper
 
 
+@pytest.mark.seconds
 def test_certificate_survives_json_and_not_tampering():
     found = lpv.robust_gain(LAG, [lpv.Dynamic("p", "q", 0.5)])
     data = json.loads(json.dumps(found.to_dict()))

@@ -160,6 +160,7 @@ def test_rounded_stamps_are_a_note_and_no_jitter() -> None:
     assert not found.of("jitter")
 
 
+@pytest.mark.seconds
 def test_rates_that_differ() -> None:
     found = audit([clean(name="a"), clean(seed=6, period=0.01, name="b")])
     assert only(found, "mixed-rates")[0] == "warning"
@@ -167,7 +168,7 @@ def test_rates_that_differ() -> None:
 
 
 # -- single channels --------------------------------------------------------------------------------------------
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(
     ("fault", "name", "severity"),
     [
@@ -261,7 +262,7 @@ def test_a_backward_difference_is_recognised() -> None:
     assert x.size == smooth.size
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize("channel", ["velocity", "displacement"])
 def test_a_causal_filter_on_one_motion_channel_is_found_and_one_on_all_is_not(channel: str) -> None:
     record = clean(n=12000)
@@ -455,7 +456,7 @@ def test_a_long_record_is_audited_in_seconds() -> None:
     assert time.process_time() - begin < 4
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("factor", [1e-3, 1e4])
 def test_the_size_of_the_numbers_changes_nothing(factor: float) -> None:
     faulty = change(change(clean(), "force", lambda f: np.minimum(-f, np.percentile(-f, 97)) + 80.0), "velocity",
@@ -524,6 +525,7 @@ def test_race_damper(shared_data: Path) -> None:
     assert found.count("fault") == 0
 
 
+@pytest.mark.seconds
 def test_quarter_car_rig_road_and_gyroscope(shared_data: Path) -> None:
     rig = audit(read(shared_data / "quarter_car_rig"))
     assert rig.clean, str(rig)
@@ -581,6 +583,7 @@ class TestCoherentInputs:
         np.testing.assert_allclose(seen.share, [0.2, 0.2], rtol=0.15)  # 1 - 1/(1 + 0.25), less the bias of averaging
 
 
+@pytest.mark.seconds
 def test_a_sample_that_outweighs_all_others_is_a_spike() -> None:
     record = clean()
     assert not [f for f in audit(record).findings if f.name == "spike"]
@@ -696,6 +699,7 @@ def stepped_current(rate: float = 5000.0) -> Record:
                   sample_time=1 / rate, units={"displacement": "m", "current": "A", "force": "N"})
 
 
+@pytest.mark.seconds
 def test_where_the_current_steps_no_rate_is_named_at_which_its_lag_is_lost():
     (finding,) = audit(stepped_current()).of("oversampled")
     assert float(finding.mend.removeprefix("--sample-rate ")) >= 500.0 and "steps of the current" in finding.evidence

@@ -118,6 +118,7 @@ def test_a_clock_in_milliseconds_without_a_unit_is_named_beside_the_velocity(tmp
     assert "time [ms]" in scale.mend
 
 
+@pytest.mark.seconds
 def test_records_that_disagree_in_sign_are_turned_one_by_one(rng):
     x, v = drive(rng, 10, 500, 0.5, 12, 0.008)
     good, bad = record(x, 900 * v, 500, name="run 1"), record(x[::-1], 900 * v[::-1], 500, name="run 2")

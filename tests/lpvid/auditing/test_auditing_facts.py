@@ -137,6 +137,7 @@ class TestGains:
         (finding,) = audit(files).of("force-gain-varies")
         assert finding.value == pytest.approx(1.3, rel=0.02) or finding.value == pytest.approx(1.02 / 1.3, rel=0.02)
 
+    @pytest.mark.seconds
     def test_of_sines_that_begin_anywhere(self) -> None:
         """One sine in both files, from another phase on and for another time: compared by harmonics."""
         def file(phase: float, count: int, gain: float, name: str) -> Record:
@@ -148,6 +149,7 @@ class TestGains:
         assert finding.value == pytest.approx(0.5, rel=0.02)
         assert not audit([file(0.0, 3000, 1.0, "a"), file(1.0, 2500, 1.0, "b")]).of("force-gain-varies")
 
+    @pytest.mark.seconds
     def test_another_law_is_no_gain(self) -> None:
         x, v = motion(4)
         files = [record(x, v, damper(v), "a"), record(x, v, 2500 * v, "b", 1)]

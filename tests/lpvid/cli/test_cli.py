@@ -290,6 +290,7 @@ def test_unstable_ends_with_three_and_the_result(tmp_path):
         )
 
 
+@pytest.mark.seconds
 def test_frozen_stable_is_not_enough(tmp_path):
     """Two matrices with poles on the real axis inside the circle whose alternation grows: no certificate, exit 3."""
     one, two = np.array([[0.0, 1.7], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.7, 0.0]])

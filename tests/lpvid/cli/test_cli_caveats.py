@@ -125,6 +125,7 @@ def test_units_that_no_file_states_are_named_by_every_command_that_runs_a_model(
     assert "no unit is stated" not in run(name, folder / "plain/model.json", folder / "wide.csv", *more).output
 
 
+@pytest.mark.seconds
 def test_units_of_later_files_count_in_parts_too(folder):
     shown = run("identify", folder / "run.csv", folder / "bare.csv", *IO, "--chunk", 500).output
     assert "no unit is stated for 'force': taken as SI" in shown
@@ -225,7 +226,7 @@ def test_an_unstable_identified_model_is_exported_with_a_warning(folder, tmp_pat
         assert ("this model is NOT stable: largest frozen pole modulus 1.05" in shown) == words
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("run_of_it", [Figures("free-run", None, None, None, "N", 1200, diverged_at=772),
                                        Figures("free-run", 1.2, -9.5, 80.0, "N", 1200)])
 def test_a_free_run_that_is_none_of_the_training_data_is_a_shortfall(folder, tmp_path, monkeypatch, run_of_it):

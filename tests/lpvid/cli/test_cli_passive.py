@@ -48,6 +48,7 @@ def test_passive_is_certified_stored_and_priced(tmp_path):
     assert "Free-run ESR with and without the constraint" in page and "least favourable amplitude" in page
 
 
+@pytest.mark.seconds
 def test_an_active_model_says_so_unasked(tmp_path):
     data = written(tmp_path / "run.csv", late(delay=2))
     described = run("identify", data, "--na", 0, "--nb", 3, "--nk", 0, "--out", tmp_path / "m").output
@@ -56,6 +57,7 @@ def test_an_active_model_says_so_unasked(tmp_path):
     assert json.loads((tmp_path / "m" / "identification.json").read_text())["passivity"]["active"] is True
 
 
+@pytest.mark.seconds
 def test_energy_of_reversed_polarity_is_stated_of_the_force_turned(tmp_path):
     """--passive alone would refuse these records, so the line names --flip along with it."""
     data = written(tmp_path / "run.csv", late(own=300.0, delay=2))
@@ -69,6 +71,7 @@ def test_energy_of_reversed_polarity_is_stated_of_the_force_turned(tmp_path):
     assert "with its force turned" in (tmp_path / "m" / "report.html").read_text()
 
 
+@pytest.mark.seconds
 def test_a_passive_model_says_nothing(tmp_path):
     data = written(tmp_path / "run.csv", yielding())
     assert "passive" not in run("identify", data, "--schedule", "current", "--na", 0, "--nb", 1, "--nk", 0,

@@ -57,6 +57,7 @@ def test_every_question_is_answered_in_the_result_and_the_report(identified, tmp
     assert "How far it reaches" in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.seconds
 def test_nothing_is_answered_that_was_not_asked(identified):
     described = json.loads(run("stability", identified, "--json").stdout)
     assert all(described[key] is None for key in ("largest_range", "largest_rate", "draws", "l2_gain"))

@@ -123,7 +123,7 @@ def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_p
     assert again["overall"]["free_run"]["esr"] == pytest.approx(described["training"]["overall"]["free_run"]["esr"])
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(4, "slow", "seconds")
 @pytest.mark.parametrize("structure, options", [("arx", ("--na", 1, "--nb", 1, "--nk", 0)),
                                                 ("oe", ("--na", 1, "--nb", 1, "--nk", 0)),
                                                 ("coprime", ("--na", 1, "--nb", 1, "--nk", 0)),
@@ -154,7 +154,7 @@ def largest(model, amplitude: float) -> float:
                for u in held)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("structure, options", [("quasi", ("--nb", 2, "--segments", 4, "--odd", 100, "--trial", 2)),
                                                 ("compliance", ("--segments", 1))])
 def test_bounded_by_construction(file, tmp_path, structure, options):
@@ -300,6 +300,7 @@ def test_refit_writes_the_fit_to_all_data(chosen):
 
 
 # -- affine terms where the scheduling is constant -------------------------------------------------------------------
+@pytest.mark.seconds
 def test_one_affine_term_where_the_scheduling_stands_still(tmp_path):
     """Records at 0, 1 and 2 A with an offset of 5 − 2 p: one c_0, and a mend that names it when more are asked for."""
     rng = np.random.default_rng(0)

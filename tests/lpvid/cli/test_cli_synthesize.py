@@ -75,6 +75,7 @@ def test_json_on_standard_output_is_json_alone(tmp_path):
     assert json.loads(found.stdout)["verdict"] == "solved"
 
 
+@pytest.mark.seconds
 def test_a_bound_that_cannot_be_had_ends_with_three_and_its_mend(tmp_path):
     out = tmp_path / "out"
     found = run("synthesize", written(tmp_path, SCHERER + HINF + "bound = 9.0\n"), "--out", out)
@@ -121,6 +122,7 @@ def test_missing_and_broken_files(tmp_path):
     assert run("verify", tmp_path / "none.json").exit_code == 2
 
 
+@pytest.mark.seconds
 def test_a_design_file_takes_the_place_of_the_table_and_a_saved_model_that_of_matrices(tmp_path):
     plant = plant_of(tomllib.loads(SCHERER), tmp_path, no_model)
     lpv.save(plant.system, tmp_path / "model.json")
@@ -186,6 +188,7 @@ def test_the_template_loads_and_names_what_the_schema_knows(tmp_path):
     assert {d["properties"]["design"]["const"] for d in design_schema()["oneOf"]} == set(DESIGNS)
 
 
+@pytest.mark.seconds
 def test_the_schema_accepts_the_template_and_refuses_what_it_does_not_know():
     jsonschema = pytest.importorskip("jsonschema")
     table = tomllib.loads(template())
@@ -202,6 +205,7 @@ def test_every_design_is_reached_by_its_name(name, tmp_path):
     assert type(design) is DESIGNS[name][0]
 
 
+@pytest.mark.seconds
 def test_a_failed_design_leaves_no_controller_of_an_earlier_one(tmp_path):
     out = tmp_path / "out"
     assert run("synthesize", written(tmp_path, SCHERER + HINF), "--out", out).exit_code == 0
@@ -210,6 +214,7 @@ def test_a_failed_design_leaves_no_controller_of_an_earlier_one(tmp_path):
     assert sorted(p.name for p in out.iterdir() if p.name[0] != ".") == ["report.html", "synthesis.json"]
 
 
+@pytest.mark.seconds
 def test_a_quoted_gain_below_the_certified_one_does_not_hold(tmp_path):
     out = tmp_path / "out"
     run("synthesize", written(tmp_path, SCHERER + HINF), "--out", out)
@@ -308,7 +313,7 @@ def test_a_hull_that_is_none_ends_with_two(tmp_path, rows, line):
     assert found.exit_code == 2 and line in found.output and not out.exists(), found.output
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("design", ["observer", "filter", "multi-objective"])
 def test_a_hull_with_a_pole_region_from_a_file(tmp_path, design):
     """Poles of the loop at mixtures of the vertices; the plant is stable inside the hull for the filter."""

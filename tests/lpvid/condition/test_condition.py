@@ -346,6 +346,7 @@ def test_a_rate_that_is_the_record_s_own_changes_no_sample(rng: np.random.Genera
 
 
 # -- real measurements ------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_sines_of_two_rates_come_out_at_one(shared_data: Path) -> None:
     records = read(shared_data / "mr_damper_sines")
     with pytest.raises(InputError, match="--sample-rate 200"):

@@ -98,6 +98,7 @@ def test_frames_of_the_libraries_themselves(library):
     assert record.sample_time == pytest.approx(0.005)
 
 
+@pytest.mark.seconds
 def test_polars_frames_go_through_the_verbs():
     """Nulls are missing samples, integers and single precision become double; what is no frame gets one line."""
     polars = pytest.importorskip("polars")

@@ -170,7 +170,7 @@ class Steep(Added):
     shape = staticmethod(lambda s: np.tanh(30 * s["u"]))
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize(("misfit", "named", "rivals"), [(0.1, ["dry"], []), (0.4, [], [("dry", "steep")])])
 def test_related_components_are_separated_where_they_differ_by_more_than_the_error_of_the_law(misfit, named, rivals):
     """The change by either is the same but near zero; the law errs by .07 and by .28 of the output's unit."""

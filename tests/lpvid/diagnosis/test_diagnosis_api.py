@@ -38,6 +38,7 @@ def installed(monkeypatch):
     return pretend_installed(monkeypatch)
 
 
+@pytest.mark.seconds
 def test_a_further_record_of_constant_output_has_no_share_but_an_error(installed):
     """Its ESR is no number, before and after: which error is less, and by how much, is known all the same."""
     other = measured(1)
@@ -52,6 +53,7 @@ def test_a_further_record_of_constant_output_has_no_share_but_an_error(installed
     assert found.gain_percent == pytest.approx(100 * (1 - squares[1] / squares[0])) and found.gain_percent > 10
 
 
+@pytest.mark.seconds
 def test_a_tone_that_no_input_has_is_not_taken_for_noise(installed):
     """Of a tenth of the force: named with its frequency beside the cause, and alone the error is unexplained."""
     record = measured()
@@ -85,6 +87,7 @@ def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installe
     ]
 
 
+@pytest.mark.seconds
 def test_a_diagnosis_has_a_small_card_with_its_figure(installed) -> None:
     """Verdict as text, both errors as a figure, and colours for a dark page as for a light one."""
     found = plain_diagnosis()
@@ -135,7 +138,7 @@ def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
     assert np.mean(run * record["velocity"]) < 0 and np.corrcoef(run, record["force"])[0, 1] > 0.95
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize(("current", "advised"), [
     (np.repeat([0.0, 1.0, 0.4, 1.7], 1000), True), (np.sin(np.linspace(0, 30, 4000)), True),
     (np.full(4000, 0.87), False), (1.5 + 0.01 * np.random.default_rng(3).standard_normal(4000), False)])
@@ -168,6 +171,7 @@ def test_a_channel_that_only_some_records_have_is_left_out():
     assert "temperature is left out: only 1 of 2 records have it" in task.prepared.notes
 
 
+@pytest.mark.seconds
 def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
     found = lpv.diagnose(measured(friction=0.0), "viscous", CATALOGUE, parameters={"slope": 60.0, "polarity": 1})
     assert found.verdict == "nothing-to-explain"
@@ -231,6 +235,7 @@ def test_a_parameter_at_the_end_of_its_range_states_which_end():
     assert absent.bound is None and inside.bound is None
 
 
+@pytest.mark.seconds
 def test_the_extended_model_keeps_the_rows_of_the_training_files() -> None:
     """Of the records as read, not of the resampled ones; held-out records are none of them."""
     training, kept = measured(0), measured(1)

@@ -35,6 +35,7 @@ class Knee(Added):
     shape = staticmethod(lambda s: np.tanh(12 * s["u"]))
 
 
+@pytest.mark.seconds
 def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
     """Without either, with the other refitted, less than half a per cent changes; without both it is more."""
     run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.06 * np.sign(u) + 0.06 * np.tanh(12 * u))
@@ -94,6 +95,7 @@ def contradicted() -> tuple[Record, Record]:
     return training, other
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
 def test_a_set_that_further_data_do_not_confirm_is_replaced_by_the_next(contradicted, monkeypatch, weights, kept):
     """With the wave the error of the other record grows. Where that set has most weight the baseline stays."""

@@ -124,6 +124,7 @@ class TestRefit:
         fit = refit(problem, composition, np.array([1.5, 2.0, 1.0, 0.1]))
         np.testing.assert_allclose(fit.vector, [*TRUE, 0.7], rtol=1e-4)
 
+    @pytest.mark.seconds
     @noises("proportional", "white", "ar1")
     def test_intervals_cover(self, noise: str) -> None:
         rng, inside = np.random.default_rng(22), []
@@ -182,7 +183,7 @@ class TestRefit:
 
 
 class TestRemainder:
-    @pytest.mark.thinned(3)
+    @pytest.mark.thinned(3, "slow", "seconds")
     @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
     def test_noise_is_not_predictable(self, noise: str, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng, noise, n=15000))
@@ -190,6 +191,7 @@ class TestRemainder:
         share, spread = predictable_share(problem, errors, ["u"])
         assert share < 0.02 and abs(share) < 0.15 and share - 2 * spread < 0.02
 
+    @pytest.mark.seconds
     @pytest.mark.parametrize("hidden", [lambda u: np.sign(u), lambda u: np.abs(u) * u,
                                         lambda u: np.concatenate([np.zeros(6), u[:-6]]) ** 2])
     def test_what_follows_the_input_is(self, hidden: object, rng: np.random.Generator) -> None:
@@ -278,6 +280,7 @@ class TestDiagnosis:
         assert found.noise_floor == pytest.approx(found.before.rmse, rel=0.05) and found.before.rmse > 0.02
         assert found.verdict == "nothing-to-explain"
 
+    @pytest.mark.seconds
     def test_error_that_repeats_is_not_nothing(self, rng: np.random.Generator) -> None:
         """A load that is the same in both runs, and no function of the input: one run cannot show it beside noise."""
         u, load = drive(3000, rng), 0.35 * drive(3000, rng)
@@ -304,15 +307,18 @@ class TestDiagnosis:
         first, second = found.causes
         assert {first.name, second.name} == {"late", "dry"} and first.contribution > second.contribution
 
+    @pytest.mark.seconds
     def test_nothing_hidden(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, "ar1")], Bent(), CAUSES)
         assert found.verdict == "nothing-to-explain" and found.noise["name"] == "coloured-noise"
 
+    @pytest.mark.seconds
     def test_identical_causes_are_rivals(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, hidden=lambda u: np.sign(u))], Bent(), (*CAUSES, DryTwin()))
         assert found.verdict == "cannot-tell" and not found.causes
         assert set(found.rivals[0].names) == {"dry", "dry-twin"}
 
+    @pytest.mark.seconds
     def test_a_cause_without_a_trace_cannot_be_told(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng)], Bent(), (*CAUSES, LaggedConstant()))
         described = {c.name: c for c in found.cannot_tell}
@@ -323,11 +329,13 @@ class TestDiagnosis:
                          (Dry(), Cubic()))
         assert found.verdict == "unexplained" and not found.causes
 
+    @pytest.mark.seconds
     def test_beside_as_large_a_cause_outside_the_catalogue_none_is_named(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, n=6000, hidden=lambda u: 1.5 * np.sign(u) + 0.9 * np.cos(9 * u))], Bent(),
                          (Dry(), Cubic()))
         assert found.verdict == "unexplained" and not found.causes and not found.rivals
 
+    @pytest.mark.seconds
     def test_the_error_of_the_baseline_is_that_of_its_least_squares_fit(self, rng: np.random.Generator) -> None:
         u = drive(6000, rng)
         slow = np.asarray(lfilter([0.01], [1.0, -0.99], u))

@@ -108,7 +108,7 @@ CASES = {"transfer function": lambda rng: transfer_function(rng, "cubic", "zones
                                          0.1 * rng.normal(size=(3, 2)))}
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @needs_compiler
 @pytest.mark.parametrize("case", CASES)
 def test_compiled_as_asked_it_agrees(case, rng):

@@ -54,7 +54,7 @@ def test_an_fmu_is_valid_and_agrees(case, version, fmpy, rng):
     assert made.passed and "valid; " in made.checks[0]
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @needs_compiler
 @pytest.mark.parametrize("of", [state_space, continuous])
 def test_a_library_of_fmi_3_has_every_function_of_the_standard(of, fmpy, tmp_path, rng):
@@ -68,7 +68,7 @@ def test_a_library_of_fmi_3_has_every_function_of_the_standard(of, fmpy, tmp_pat
     assert library.fmi3GetBinary(None, None, 0, None, None, 0) == 3  # fmi3Error
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_has_units_starts_and_sources_that_compile(version, fmpy, tmp_path, rng):
@@ -89,7 +89,7 @@ def test_an_fmu_has_units_starts_and_sources_that_compile(version, fmpy, tmp_pat
     compile_c(sorted((tmp_path / "sources").glob("*.c")), tmp_path / "again.so", ("-shared", "-fPIC"))
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_parameters_can_be_set_and_a_step_must_fit_the_period(version, fmpy, tmp_path, rng):
@@ -138,7 +138,7 @@ def test_an_fmu_is_of_double_precision_and_of_a_known_version(tmp_path, rng):
 # -- continuous models -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_continuous_model_goes_to_model_exchange(version, fmpy, tmp_path, rng):
@@ -150,7 +150,7 @@ def test_a_continuous_model_goes_to_model_exchange(version, fmpy, tmp_path, rng)
     assert rate.derivative.name == "x[2]"
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_model_exchange_gives_the_step_response_of_the_frozen_model(version, fmpy, tmp_path, rng):
@@ -275,6 +275,7 @@ def test_the_command_writes_every_form_or_nothing(tmp_path, rng):
     assert run(model, "--sample-rate", "-1").exit_code == 2
 
 
+@pytest.mark.seconds
 @needs_compiler
 def test_limits_from_the_command_line(tmp_path, rng):
     model = lpv.save(state_space(rng, state_offset=None), tmp_path / "model.json")

@@ -112,7 +112,7 @@ def test_the_false_discovery_rate_holds(count: int) -> None:
     assert np.mean(named) > 0.95
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(("count", "size"), [(40, 3), (60, 12), (200, 12)])
 def test_the_false_discovery_rate_holds_between_parameters(count: int, size: int) -> None:
     rng = np.random.default_rng(count + size)
@@ -326,6 +326,7 @@ def test_a_current_that_varies_over_the_fleet_is_no_warning_and_faults_are_count
                                                              "free_run_mean_error_training"]
 
 
+@pytest.mark.seconds
 def test_few_files_state_how_far_a_file_must_lie_to_be_named() -> None:
     """The score needed is the one from which the rule names a file: just beyond it does, just within it does not."""
     for n in (8, 20):

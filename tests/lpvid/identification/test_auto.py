@@ -298,6 +298,7 @@ def test_subspace_errors_by_order_are_those_of_separate_fits() -> None:
         assert found[order] == pytest.approx(error / power, rel=1e-6)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("seed", range(3))
 def test_subspace_finds_an_order_that_runs_freely(seed: int) -> None:
     found = lpv.identify(third_order(seed), lpv.Subspace(input="u", output="y"), held_out=third_order(seed + 10))

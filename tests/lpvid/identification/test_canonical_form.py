@@ -118,7 +118,7 @@ def test_a_known_form_comes_back(form, stages):
         np.testing.assert_allclose(found.model.input_stage.vector, stage.vector, atol=2e-3)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("form", ["controllable", "observable"])
 def test_never_worse_than_the_form_as_realised(form):
     """Training data of the transfer function itself: its form cannot match them, and must not do worse than before."""

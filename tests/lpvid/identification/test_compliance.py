@@ -117,6 +117,7 @@ def test_the_start_is_estimated(rng: np.random.Generator) -> None:
 
 
 # -- bounds ------------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 @given(seed=st.integers(0, 10_000), amplitude=st.floats(1e-3, 1e3), stiffness=st.floats(1e2, 1e10),
        steps=st.booleans())
 def test_force_stays_in_the_static_law_s_range(seed: int, amplitude: float, stiffness: float, steps: bool) -> None:

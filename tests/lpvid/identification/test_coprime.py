@@ -141,6 +141,7 @@ def test_fitted_stage_and_filter_ride_along() -> None:
     assert found.fit is not None and found.fit > 95
 
 
+@pytest.mark.seconds
 def test_result_survives_json_and_draws(found: lpv.Identification) -> None:
     json.dumps(found.to_dict())
     again = lpv.LPVStateSpace.from_dict(json.loads(json.dumps(found.model.to_dict())))

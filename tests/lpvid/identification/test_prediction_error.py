@@ -218,6 +218,7 @@ def test_unknown_bounds_and_bad_settings_are_refused(rng):
         ARMAX(**SETTINGS, nc=-1)
 
 
+@pytest.mark.seconds
 def test_the_same_seed_gives_the_same_estimate_and_progress_falls(rng):
     record, costs = simple(rng), []
     one = identify(record, OutputError(**SETTINGS, starts=2, seed=5, progress=lambda i, cost: costs.append((i, cost))))

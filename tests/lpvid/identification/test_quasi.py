@@ -204,7 +204,7 @@ def van_der_pol(seed: int, n: int, amplitude: float, noise: float, period: float
     return lpv.Record({"u": u, "y": y + noise * rng.normal(size=n)}, sample_time=period)
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_prior_leaves_linear_lags_at_a_high_rate_alone(seed: int) -> None:
     """Near −2 and 1 the lags cost a prior in units of the output more than all data, and the free run was lost (−10 %).

@@ -202,7 +202,7 @@ CASES = [(OE, ([], [])), (BJ, RED), (OE, RED)]
 NAMES = ["OE, white output noise", "BJ, AR(2) noise", "OE, AR(2) noise"]
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(("structure", "colour"), CASES, ids=NAMES)
 def test_unbiased_sample(structure, colour) -> None:
     errors, deviations, least = study(structure, 16, 2000, colour)
@@ -249,7 +249,7 @@ def random_record(rng: np.random.Generator, order: int, snr: float, n: int = 120
     return Record({"u": u, "p": p, "y": x + v * x.std() / v.std() * 10 ** (-snr / 20)}, sample_time=0.01)
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize("seed", range(10))
 def test_never_worse_than_its_start(seed) -> None:
     rng = np.random.default_rng(1000 + seed)

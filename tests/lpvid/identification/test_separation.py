@@ -95,6 +95,7 @@ def test_a_gain_between_the_inputs_splits_as_the_closed_form_says() -> None:
     assert found.model.metadata["coherent_inputs"]["undetermined"] == pytest.approx(1.0)
 
 
+@pytest.mark.seconds
 def test_units_of_an_input_change_nothing() -> None:
     training, fresh = system(4, sensor=0.01)
     base = lpv.identify(training, structure("oe"))
@@ -104,6 +105,7 @@ def test_units_of_an_input_change_nothing() -> None:
     np.testing.assert_allclose(again, lpv.simulate(base.model, fresh).output, rtol=0, atol=1e-3 * fresh["y"].std())
 
 
+@pytest.mark.seconds
 def test_a_record_that_breaks_the_coherence_lifts_the_remark() -> None:
     together, fresh = system(5)
     alone = system(5, together=False)[0]
@@ -142,6 +144,7 @@ def test_dependent_columns_of_one_input_are_still_refused() -> None:
         lpv.identify(record, lpv.ARX(na=1, nb=1, input=INPUTS, output="y", basis=lpv.Polynomial("p", degree=1)))
 
 
+@pytest.mark.seconds
 def test_the_split_is_one_of_information_and_metric() -> None:
     """Oracle: generalised eigenvectors by scipy on the same matrices."""
     from scipy.linalg import eigh

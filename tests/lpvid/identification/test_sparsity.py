@@ -85,7 +85,7 @@ def test_refit_is_least_squares_on_the_kept_columns(rng):
     assert "kept" in "".join(found.notes)
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("positive", [True, False])
 def test_path_solves_its_problem(rng, positive):
     """Oracle: coordinate descent, run to the end, at strengths all along the path."""

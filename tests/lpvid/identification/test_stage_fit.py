@@ -58,7 +58,7 @@ def bench(stage, rng: np.random.Generator, n: int = 5000, noise: float = 0.0) ->
     return Record({"velocity": v, "current": p, "force": y}, sample_time=TS)
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(("noise", "tolerance", "esr"), [(0.0, 0.01, 1e-6), (0.001, 0.05, 1e-4)])
 @pytest.mark.parametrize(("v0", "slope"), [(0.05, 0.0), (0.2, 0.0), (0.1, 0.05)])
 def test_a_known_knee_is_found(
@@ -76,7 +76,7 @@ def test_a_known_knee_is_found(
     assert any("input stage tanh" in note and "holds it fixed" in note for note in found.notes)
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize(
     "true",
     [

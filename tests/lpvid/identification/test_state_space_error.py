@@ -133,7 +133,7 @@ def test_two_by_two_of_order_three(snr: float) -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(found.model.noise_covariance)), noise, rtol=0.06)
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize("seed", range(10))
 def test_random_stable_systems(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
@@ -203,6 +203,7 @@ def test_covariance_of_frozen_gain_sample() -> None:
 
 
 # -- robustness ------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_a_diverging_start_is_drawn_in(rng: np.random.Generator) -> None:
     system = StateSpaceSystem(rng, 2, 1, 1, 2)
     record = system.record(rng, 800, 30.0)

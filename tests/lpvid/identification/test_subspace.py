@@ -75,7 +75,7 @@ def test_thinned_kernel_rows_spread_over_all_records(rng: np.random.Generator) -
 
 
 # -- states and matrices ---------------------------------------------------------------------------------------------
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("kernel", [False, True])
 def test_noise_free_order_and_poles(kernel: bool) -> None:
     rng = np.random.default_rng(11)

@@ -57,6 +57,7 @@ def test_slopes_are_derivatives_and_the_file_brings_the_stage_back():
     assert 0 not in free and 1 not in free and stage.vector.size - free.size == 3
 
 
+@pytest.mark.seconds
 def test_it_serves_as_the_stage_of_a_model():
     stage = regress_zones(runs()).stage
     found = lpv.identify(runs(20.0), lpv.ARX(1, 1, 0, "velocity", "force", lpv.Polynomial("current", 1), stage=stage))

@@ -58,7 +58,7 @@ def drawings() -> dict[str, Callable[[Any], Any]]:
     }
 
 
-@pytest.mark.thinned(12, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", NAMES)
 def test_the_callers_axes_hold_what_new_ones_do(drawings: dict[str, Callable[[Any], Any]], name: str) -> None:
     check_on_given_axes(drawings[name])

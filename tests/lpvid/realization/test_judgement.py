@@ -38,6 +38,7 @@ def test_the_same_form_serves_a_coarse_model_and_spoils_a_fine_one():
     assert verdicts == ["safe", "costs", "not safe"]
 
 
+@pytest.mark.seconds
 def test_the_standard_error_is_that_of_repeated_draws():
     rng = np.random.default_rng(1)
     means, described = [], []

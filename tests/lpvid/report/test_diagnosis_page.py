@@ -32,6 +32,7 @@ def test_much_that_is_taken_for_noise_is_no_good_news_unless_a_repeat_shows_it(l
     assert "record what else" not in page.steps[0].text
 
 
+@pytest.mark.seconds
 def test_an_error_that_repeats_asks_for_a_channel_that_was_not_recorded():
     rng = np.random.default_rng(4)
     u, load = drive(3000, rng), 0.35 * drive(3000, rng)

@@ -85,7 +85,7 @@ addEventListener('load', async () => {
 """
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @needs_browser
 @pytest.mark.parametrize("last", [False, True])
 def test_the_name_of_a_channel_is_whole_beside_a_low_panel(last, tmp_path):

@@ -240,6 +240,7 @@ def test_standard_errors_are_said_to_be_what_they_are(found, kind, notes, words_
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------
+@pytest.mark.seconds
 def test_axes_carry_names_and_units(found):
     c = comparisons(found.model, [record(2)], "held-out")
     figures = [plot.free_run(c[0], ("current",)), plot.loops(c, ("velocity", "displacement")), plot.residuals(c),

@@ -213,7 +213,7 @@ addEventListener('load', async () => {
 """
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @needs_browser
 @pytest.mark.parametrize("width, n", [(1200, LONG), (500, LONG), (1200, 20_000)])
 def test_a_long_record_is_drawn_and_zoomed(width, n, tmp_path):

@@ -93,6 +93,7 @@ def test_bound_polynomials_stay_within_one(rng: np.random.Generator) -> None:
     assert np.abs(Polynomial(("p", "q"), degree=4).bound(BOX).evaluate(p)).max() <= 1.0
 
 
+@pytest.mark.seconds
 @given(degree=st.integers(0, 5), variables=st.integers(1, 4))
 def test_a_polynomial_has_every_monomial_once(degree: int, variables: int) -> None:
     basis = Polynomial(tuple("pqrs"[:variables]), degree=degree)

@@ -25,7 +25,7 @@ SLOW = pytest.mark.slow
 SEEDS = [86, 89, 88, *(pytest.param(s, marks=SLOW) for s in (84, 90, 130, 141, 1001, 1017, 1186))]
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize("seed", SEEDS)
 def test_near_the_least_bound_and_above_what_the_loop_does(seed):
     plant, design, _ = random_case(seed)

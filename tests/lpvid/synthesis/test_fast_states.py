@@ -29,7 +29,7 @@ def test_states_at_rest_leave_the_static_gain_and_the_slow_response():
         assert _response(small, 1j * omega) == pytest.approx(_response(k, 1j * omega), rel=1e-4)
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("seed", [86, 88])
 def test_what_is_kept_is_slow_and_keeps_its_bound(seed):
     """Weak penalties and weak noise: the states that went were ten times faster than the plant."""
@@ -47,6 +47,7 @@ def test_what_is_kept_is_slow_and_keeps_its_bound(seed):
     assert found.certificate is None or lpv.verify(found.certificate, found.closed_loop).holds
 
 
+@pytest.mark.seconds
 def test_no_feedthrough_is_added_where_none_was_wanted():
     case, _, _ = random_case(86)
     found = lpv.synthesize(case, lpv.OutputFeedback(strictly_proper=True))

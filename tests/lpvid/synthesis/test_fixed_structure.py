@@ -171,6 +171,7 @@ def test_integral_behind_a_zero_at_rest_is_refused():
     assert "integral" in found.mend
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("design", [
     pytest.param(lambda gain: lpv.FixedStructure(lpv.PID(filter=0.1, integral=False), gain=gain, starts=1, points=2),
                  marks=pytest.mark.seconds),

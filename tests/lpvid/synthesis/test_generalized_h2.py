@@ -62,6 +62,7 @@ def test_optimum_for_one_output_is_the_linear_quadratic_one():
     assert optimum * (1 - 1e-4) <= found.figures[0]["verified"] <= optimum * 1.01
 
 
+@pytest.mark.seconds
 def test_peak_of_two_outputs_costs_less_than_both_and_more_than_one():
     plant = spring_mass(lower=2.0, upper=2.0, full=False)
     peak = lpv.synthesize(plant, lpv.MultiObjective(lpv.GeneralizedH2())).figures[0]
@@ -69,6 +70,7 @@ def test_peak_of_two_outputs_costs_less_than_both_and_more_than_one():
     assert peak["verified"] < both["verified"] < np.sqrt(2) * peak["verified"] * 1.03
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("moving", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_no_trajectory_exceeds_the_bound_in_discrete_time(moving):
     """|z(k)| over ‖w‖ along a given path is √λmax(CW(k)Cᵀ + DDᵀ) with W⁺ = AWAᵀ + BBᵀ."""

@@ -80,6 +80,7 @@ def test_estimate_follows_the_plant_while_the_scheduling_jumps(rng):
     assert np.linalg.norm(error) < 1e-3
 
 
+@pytest.mark.seconds
 def test_measurements_that_vary_need_a_constant_gain(rng):
     system = mixed().system
     c = np.array(system.C)
@@ -103,7 +104,7 @@ def test_filter_of_a_plant_that_is_stable_inside_the_hull_only(rng):
     assert largest(found.closed_loop, mixtures(60, rng)) <= found.gamma_verified
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("sample_time", "region"), [
     (None, lpv.HalfPlane(0.8)), (None, lpv.Cone(0.6)), (None, lpv.Disc(-6.0, 5.5)), (0.1, lpv.Disc(0.0, 0.9))])
 def test_poles_stay_in_their_region_at_every_mixture(sample_time, region, rng):
@@ -151,7 +152,7 @@ def test_decay_over_a_hull_is_between_its_slowest_pole_and_the_vertices(rng):
     assert lpv.verify(decay.certificate, found.closed_loop).holds
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("scale", [1.0, 1e3])
 def test_a_half_plane_makes_no_controller_of_millions_of_hertz(scale):
     """At a back-off of 1 % the coupling stayed at its limit, with a pole at 2e7 Hz; units of states change nothing."""
@@ -166,7 +167,7 @@ def test_a_half_plane_makes_no_controller_of_millions_of_hertz(scale):
     assert found.verdict == "solved" and max(poles) < 2 * np.pi * 100
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_h2_norm_of_a_loop_over_a_hull(sample_time, rng):
     """Against Gramians with the scheduling held, the design's own figure, and the covariance along jumps.
@@ -198,7 +199,7 @@ def test_h2_norm_of_a_loop_over_a_hull(sample_time, rng):
     assert np.sqrt(np.mean(squares)) <= norm.upper
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("case", "design"), [(mixed, lpv.Observer), (measured, lpv.StateFeedback)])
 def test_in_discrete_time_the_lyapunov_matrix_may_follow_the_scheduling(case, design, rng):
     """Against one P, frozen norms, V along jumps with disturbances, and the inequality at steps between mixtures."""
@@ -240,7 +241,7 @@ def test_what_vertices_do_not_decide_is_refused_in_one_line():
         lpv.hull_gain(mixed().system, TRIANGLE, moving=True)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("constant", [lpv.Polynomial((), 0), lpv.Polynomial(NAMES, 0)])
 def test_a_constant_lyapunov_matrix_may_be_written_out_beside_a_hull(constant):
     """A basis of degree zero is a constant matrix: nothing to refuse, in any design and with any criteria."""

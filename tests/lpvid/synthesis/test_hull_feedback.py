@@ -98,7 +98,7 @@ def test_square_is_the_box():
     assert hull.solved and box.solved and hull.h2_verified == pytest.approx(box.h2_verified, rel=2e-3)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("moving", [False, True])
 def test_disc_admits_less_than_the_box_and_keeps_it(moving, rng):
     box, found = (synthesized(h, moving=moving) for h in (None, DISC))
@@ -178,7 +178,7 @@ def measured(sample_time=None):
     return lpv.GeneralizedPlant(system, ["u1"], ["x1", "x2"])
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.05])
 @pytest.mark.parametrize("criterion", [lpv.HInfinity(), lpv.H2()])
 def test_state_feedback(sample_time, criterion):
@@ -220,6 +220,7 @@ def test_result_names_its_set(tmp_path):
     assert all(DISC.contains(np.array([[v for _, v, _ in limit.at]]))[0] for limit in limits(again.closed_loop))
 
 
+@pytest.mark.seconds
 def test_a_bound_that_is_too_low():
     found = lpv.synthesize(turning(), lpv.OutputFeedback(hull=DISC, bound=0.5))
     assert found.verdict == "infeasible" and "smaller hull" in found.mend and "lyapunov=" in found.mend

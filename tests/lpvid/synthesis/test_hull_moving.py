@@ -147,6 +147,7 @@ def kept(found, rate, rng):
     assert not lpv.verify(lower, found.closed_loop).holds
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("varying", ["controls", pytest.param("measurements", marks=pytest.mark.seconds)])
 @pytest.mark.parametrize("sample_time", [None, 0.05])
 def test_output_feedback_whose_matrix_moves(sample_time, varying, rng):
@@ -157,7 +158,7 @@ def test_output_feedback_whose_matrix_moves(sample_time, varying, rng):
     kept(found, 0.5, rng)
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("sample_time", [None, 0.05])
 @pytest.mark.parametrize("design", [lpv.StateFeedback, lpv.Observer])
 def test_a_gain_whose_matrix_moves(design, sample_time, rng):
@@ -166,7 +167,7 @@ def test_a_gain_whose_matrix_moves(design, sample_time, rng):
     kept(found, 0.5, rng)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("design", [lpv.StateFeedback, lpv.Observer])
 def test_a_bound_that_is_asked_for_leaves_room_for_the_fit(design):
     """A tenth above the least bound: the program that takes all of it has no room for a gain that is fitted."""
@@ -252,6 +253,7 @@ def test_three_variables(rng):
     assert lpv.verify(slow.certificate, loop).holds
 
 
+@pytest.mark.seconds
 def test_a_certificate_without_a_polytope_does_not_hold():
     found = synthesized(lpv.OutputFeedback, 0.05, varying="controls")
     held = found.certificate

@@ -21,7 +21,7 @@ def test_without_scheduling_it_is_h_infinity_synthesis():
     assert 9.50808 <= found.gamma_verified <= 9.50808 * 1.021
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.1])
 def test_scheduled_controller_keeps_its_promise_on_jumping_trajectories(sample_time):
     plant, rng = spring_mass(full=False, sample_time=sample_time), np.random.default_rng(0)
@@ -60,6 +60,7 @@ def _quarter_car(length: float, force: float) -> lpv.GeneralizedPlant:
     return lpv.GeneralizedPlant(system, ["force"], names[4:])
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("length", "force"), [
     (1e3, 1e-3), *(pytest.param(x, 1 / x, marks=pytest.mark.slow) for x in (1.0, 1e-3))])
 def test_units_change_neither_the_verdict_nor_the_gain(length, force):

@@ -24,7 +24,7 @@ def system(a, b, c, names=(("u",), ("y",))):
                              outputs=names[1])
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("a", "b", "c"), [
     ([[0, 1.0], [0, 0]], [[0.0], [1]], [[1.0, 0]]),
     ([[1.0, 0.3], [0.2, -2.0]], [[1.0], [0.5]], [[1.0, 1.0]]),
@@ -37,6 +37,7 @@ def test_margin_is_the_closed_form(a, b, c):
     assert 0.97 * best <= found.margin <= best * (1 + 1e-6)
 
 
+@pytest.mark.seconds
 def test_weights_belong_to_the_controller():
     """The loop of G with W_pre K W_post is that of the shaped plant with K: same poles; integral action at rest."""
     plant, w = system([[-1.0]], [[2.0]], [[1.0]]), first_order(1e3, 4.0, 1.0 / 10)
@@ -97,6 +98,7 @@ def test_unstable_plant_reduced_within_its_bound():
         assert (np.linalg.eigvals(found.model.frozen([p])[0]).real.max() > 0) == (np.linalg.eigvals(fa).real.max() > 0)
 
 
+@pytest.mark.seconds
 def test_controller_for_the_reduced_plant_stabilises_the_full_one():
     a = np.diag([0.5, -2.0, -60.0]) + 0.1 * np.ones((3, 3))
     full = system(a, [[1.0], [0.3], [1.0]], [[1.0, 0.2, 1.0]])

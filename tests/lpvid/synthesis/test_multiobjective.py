@@ -81,6 +81,7 @@ def test_discrete_design_with_a_disc():
     assert simulated_gain(found.closed_loop, np.random.default_rng(8)) <= found.gamma_verified
 
 
+@pytest.mark.seconds
 def test_feedthrough_of_the_plant_is_taken_out_of_the_controller():
     direct = scherer_1997()
     d = direct.system.D.copy()

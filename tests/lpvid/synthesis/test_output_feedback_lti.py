@@ -109,6 +109,7 @@ def test_discrete_time_against_the_continuous_optimum():
     assert lpv.verify(result.certificate, result.closed_loop).holds
 
 
+@pytest.mark.seconds
 def test_a_sampled_plant_runs_below_its_bound():
     """Simulation: noise through the closed loop of a sampled resonance never gains more than was verified."""
     h, rng = 0.05, np.random.default_rng(3)
@@ -135,6 +136,7 @@ def test_asked_for_a_bound_it_gives_that_or_says_what_is_least():
     assert "9.508" in refused.why and "9.508" in refused.mend
 
 
+@pytest.mark.seconds
 def test_a_loop_is_what_close_loop_says():
     p = scherer()
     result = synthesize(p, OutputFeedback())
@@ -142,7 +144,7 @@ def test_a_loop_is_what_close_loop_says():
     assert all(np.array_equal(x, y) for x, y in zip(again.frozen([]), result.closed_loop.frozen([]), strict=True))
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("noise", [1e-2, 1e-1])
 def test_a_pole_near_zero_does_not_raise_the_bound(noise):
     """The gain of a plant with a pole of 2e-7 rad/s says nothing of what its loop can reach."""

@@ -30,6 +30,7 @@ def _named(**changes):
     return lpv.GeneralizedPlant(system, ["force"], ["stroke"])
 
 
+@pytest.mark.seconds
 def test_the_plant_itself_is_fine_and_keeps_its_names():
     result = lpv.synthesize(_named(), lpv.OutputFeedback())
     assert result.solved
@@ -166,6 +167,7 @@ def test_infeasible_names_the_weights():
     assert result.verdict == "infeasible" and "comfort, effort" in result.mend and result.gamma is None
 
 
+@pytest.mark.seconds
 def test_mismatched_names_of_signals():
     p = _named()
     result = lpv.synthesize(p, lpv.OutputFeedback())

@@ -58,7 +58,7 @@ def _near_integrator(noise):
                  column(0, noise), [[80, 1, 2]], [[0, noise]])
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("noise", [1e-3, 1e-2, 1e-1])
 def test_a_near_integrator_does_not_raise_the_bound(noise):
     """Against eigenvectors of the Hamiltonian matrices (Doyle et al. 1989), in the plant's own coordinates."""

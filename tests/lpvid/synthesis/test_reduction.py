@@ -57,7 +57,7 @@ def test_states_without_influence_are_dropped_and_unstable_systems_only_scaled()
     np.testing.assert_allclose(scaled.to_control([])(2j), badly.to_control([])(2j), rtol=1e-11)
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("sample_time", [None, 0.02])
 def test_the_frozen_error_keeps_glovers_bound_on_a_time_invariant_system(sample_time):
     """For one point the bound of the inequalities tends to twice the sum of the Hankel singular values."""

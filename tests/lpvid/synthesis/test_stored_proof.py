@@ -32,6 +32,7 @@ def _stored(found: lpv.Synthesis, folder: Path) -> GainCertificate:
     return kept
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("seed", [201, pytest.param(212, marks=pytest.mark.seconds)])
 def test_that_of_a_near_integrator(seed: int, tmp_path: Path) -> None:
     """Over the loop's own states rounding exceeds the margin 100 times: the plant's integrator and the controller's all
@@ -47,6 +48,7 @@ def test_that_of_a_near_integrator(seed: int, tmp_path: Path) -> None:
     assert not recheck_gain(driven(found.closed_loop), Storage(own, kept.basis, kept.box, None), kept.gamma).holds
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.seconds), 1e-2])
 def test_those_of_published_near_integrators(noise: float, tmp_path: Path) -> None:
     """Poles at 2e-7 and 1e-5 rad/s."""
@@ -60,7 +62,7 @@ def test_that_of_two_disks(tmp_path: Path) -> None:
     assert _stored(lpv.synthesize(two_disks(), lpv.OutputFeedback()), tmp_path).states is not None
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("varying", ["controls", "measurements"])
 def test_that_of_a_moving_matrix_has_its_own_functions(varying: str, tmp_path: Path) -> None:
     """X(p), Y(p) over {1, k} make P⁻¹ or P a polynomial of degree one: no fit, on the whole box."""
@@ -72,6 +74,7 @@ def test_that_of_a_moving_matrix_has_its_own_functions(varying: str, tmp_path: P
     assert not lpv.verify(replace(kept, box=faster), found.closed_loop).holds
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("seed", [210, pytest.param(214, marks=pytest.mark.seconds)])
 def test_that_of_a_table(seed: int, tmp_path: Path) -> None:
     """Fits of P(p) lost this proof: margins are some 1e-9."""

@@ -27,6 +27,7 @@ def linear(n: int, seed: int = 0) -> Record:
     return Record({"u": u, "y": y}, sample_time=0.01)
 
 
+@pytest.mark.seconds
 def test_error_on_other_data_is_as_the_parameters_make_it():
     """Regression on n samples with k regressors: the mean square elsewhere is (n + k)/(n − k) times that of the fit."""
     rng, n, k, ratios = np.random.default_rng(1), 27, 9, []

@@ -214,7 +214,7 @@ def low_pass(e: np.ndarray) -> np.ndarray:
     return lfilter(*butter(4, 0.1), e)
 
 
-@pytest.mark.thinned(5)
+@pytest.mark.thinned(5, "slow", "seconds")
 @pytest.mark.parametrize(
     ("residual", "drive"),
     [(white, white), (white, coloured(0.9)), (coloured(0.8), white), (coloured(0.8), coloured(0.9)), (white, low_pass)],

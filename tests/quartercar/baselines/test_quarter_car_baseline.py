@@ -65,7 +65,7 @@ def test_a_command_in_volts_is_no_force_of_the_actuator(rng):
         QuarterCarBaseline(CAR).signals(record)
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("friction", [0.0, 60.0])
 def test_its_run_is_that_of_the_equations_of_motion(friction, rng):
     s = signals(256, rng)

@@ -65,6 +65,7 @@ def test_noise_of_a_derived_channel_is_that_of_its_source_differentiated(recorde
     np.testing.assert_allclose(added["velocity"], np.gradient(added["displacement"], PERIOD))
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("error")
 def test_a_record_on_a_clock_of_seconds_has_no_noise_to_compare() -> None:
     """Stamps in ms that are named s: .4 Hz, and no line of the spectrum above the band that moves."""

@@ -394,6 +394,7 @@ def test_series_and_noise_of_known_signals(rng):
     assert noise_of(x + 0.05 * rng.standard_normal(500)) == pytest.approx(0.05, rel=0.15)
 
 
+@pytest.mark.seconds
 def test_local_fit_against_its_own_scatter():
     u = np.linspace(-1, 1, 400)
     group = np.arange(400) % 8
@@ -487,6 +488,7 @@ def test_the_elastic_stiffness_is_not_that_of_the_noise_and_its_error_is_of_the_
     assert drifting.elastic_stiffness == pytest.approx(1500, abs=5)
 
 
+@pytest.mark.seconds
 def test_the_work_of_a_coarsely_sampled_sine_is_not_that_of_the_polygon_in_it():
     t = np.arange(0, 2.0, 0.005)  # 25 samples in a cycle: the inscribed polygon has sin(2π/25)/(2π/25), 1 % less
     x, v = 0.02 * np.sin(16 * np.pi * t), 0.32 * np.pi * np.cos(16 * np.pi * t)
@@ -556,6 +558,7 @@ def test_records_of_two_settings_are_not_one_damper():
     assert "Hz, open" in page.replace("\u00a0", " ") and "Hz, closed" in page.replace("\u00a0", " ")
 
 
+@pytest.mark.seconds
 def test_a_damper_of_millimetres_per_second_creeps_in_its_slowest_test_alone():
     """Damping of 1e5 N s/m in rebound and 5e4 in compression: at 0.9 mm/s half the difference is 23 N of 30."""
     records = []
@@ -617,7 +620,7 @@ def test_a_rest_between_two_tests_of_one_stroke_belongs_to_neither():
         assert f.force == pytest.approx(f.direction * 2000.0 * f.speed, abs=2.0), f
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("periodic", [True, False])
 def test_a_force_at_the_end_of_its_range_is_not_given(periodic):
     rate, rng = 500.0, np.random.default_rng(4)

@@ -38,7 +38,7 @@ def held(levels, cycles: float) -> np.ndarray:
 SETTINGS = CharacteriseSettings(speeds=(0.1, 0.2))
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("levels", "cycles"), [((0, 0.5, 1.0), 5.3), ((0, 1, 0.5, 0, 1, 0.5), 3.1),
                                                 (tuple(np.arange(0, 3.05, 0.3)), 4.0)])
 def test_every_held_level_has_its_forces(rng, levels, cycles):

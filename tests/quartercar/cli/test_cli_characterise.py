@@ -251,6 +251,7 @@ def test_results_never_replace_the_data_that_were_read(tmp_path):
         tmp_path / "out")  # its own earlier table is no data: it may be replaced
 
 
+@pytest.mark.seconds
 def test_speeds_may_have_a_unit(tmp_path):
     shown = run(csv_of(tmp_path / "run.csv", motion()), "--speeds", "100 mm/s,0.15", "--json").stdout
     assert sorted({f["speed"] for f in json.loads(shown)["forces"]}) == [0.1, 0.15]

@@ -108,6 +108,7 @@ def test_hold_out_and_seed(files):
     assert again["models"][0]["parameters"] == described["models"][0]["parameters"]
 
 
+@pytest.mark.seconds
 def test_models_that_are_none_of_their_training_data_are_a_shortfall(files, tmp_path, monkeypatch):
     """Every free run as bad as the mean: the files are written all the same."""
     monkeypatch.setattr("quartercar.dampers.evaluation.compared.Comparison.fails", True)
@@ -177,6 +178,7 @@ def test_a_displacement_of_the_wrong_unit_is_stated(files, tmp_path):
     assert "velocity-scale" not in run(files[0], "--models", "linear").stdout
 
 
+@pytest.mark.seconds
 def test_a_published_set_beside_the_fits(files, tmp_path):
     (tmp_path / "handbook.json").write_text(json.dumps({"model": "guo", "parameters": {}}))
     described = json.loads(
@@ -282,7 +284,7 @@ def test_what_a_budget_does_not_cover_is_stated(files):
                      shown.stderr)
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(("columns", "sign", "stated", "absent"), [
     ("displacement [mm],velocity [mm/s],force [kN]", 1.0, "--controller passive --out ride", "compare control laws"),
     ("displacement [mm],velocity [mm/s],force [kN]", -1.0, "fit again with --flip force", "quartercar ride"),

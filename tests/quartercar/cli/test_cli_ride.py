@@ -180,6 +180,7 @@ def test_a_rear_axle_with_the_road_of_the_front_one(quick: Path, tmp_path: Path)
     assert blind["preview"] is None and blind["rides"][0]["road_ahead_error"] is None
 
 
+@pytest.mark.seconds
 def test_the_laws_that_use_the_road_join_where_none_are_named():
     from quartercar.cli.ride import _chosen
 

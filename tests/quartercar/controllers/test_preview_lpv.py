@@ -120,6 +120,7 @@ def course(steps: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray
             rng.choice([0.0, 0.3, 1.0, 1.7], size=steps))
 
 
+@pytest.mark.seconds
 def test_a_course_of_speed_and_share_keeps_the_gain(rng):
     found, m = STORAGES["hinf"], STORAGES["hinf"].model
     samples, shares = course(4000, rng)

@@ -109,7 +109,7 @@ def test_what_cannot_be_weighted_is_refused() -> None:
 
 
 # -- controllers -------------------------------------------------------------------------------------------------------
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.criterion}-{law.measured}")
 def test_the_verified_gain_bounds_what_the_loop_does(law) -> None:
     found = synthesized(law.task(law.values, SETTING))

@@ -87,7 +87,7 @@ def test_a_spring_named_for_one_behind_a_gap_does_not_explain_the_error(rng: np.
     assert found.verdict in {"unexplained", "partly-explained"} and found.gain_percent > 0
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize(("noise", "lags"), [(4e-3, False), (1e-3, True)])
 def test_a_valve_is_named_where_it_lags_and_not_for_the_noise_of_the_motion(noise: float, lags: bool,
                                                                             rng: np.random.Generator) -> None:
@@ -108,7 +108,7 @@ def test_one_lag_for_both_edges_is_a_lag(levels: tuple[float, ...], rng: np.rand
     assert [c.name for c in diagnosed(s, force, CoilLag(), RiseFallLag()).causes] == ["coil-lag"]
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("stribeck_speed", [0.2, 0.02])
 def test_friction_that_breaks_away_is_dry_friction(stribeck_speed: float, rng: np.random.Generator) -> None:
     s = inputs(np.ones(SAMPLES))
@@ -187,6 +187,7 @@ def test_a_filter_of_three_tones_is_not_named_a_delay(corner: float, rng: np.ran
     assert "displacement-delay" not in [c.name for c in found.causes]
 
 
+@pytest.mark.seconds
 def test_friction_that_does_the_work_of_the_laws_yield_force_is_not_named_alone(rng: np.random.Generator) -> None:
     """No κ, but a hardening spring: Guo's law with that one, or with κ for the spring and friction for A_1."""
     t = np.arange(4 * 512) / 512

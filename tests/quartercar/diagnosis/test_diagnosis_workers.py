@@ -17,6 +17,7 @@ from quartercar.rig import EXPERIMENTS, Rig
 SOME = ("series-compliance", "coil-lag", "coulomb-friction", "asymmetry")
 
 
+@pytest.mark.seconds
 @pytest.mark.skipif(sys.platform != "linux", reason="forks are used on Linux")
 def test_one_and_two_processes_write_the_same_file(monkeypatch: pytest.MonkeyPatch) -> None:
     record = Rig().run(replace(EXPERIMENTS["test-1"], duration=3.0), seed=1)

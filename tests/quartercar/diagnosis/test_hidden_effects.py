@@ -46,6 +46,7 @@ class TestGenerator:
                            (cause.typical, 0.05 * cause.typical))
             assert faint <= 0.7 * full  # any part of a sample is a whole one to a held current
 
+    @pytest.mark.seconds
     def test_smallest_detectable_is_that_of_a_closed_form(self) -> None:
         """White noise, an added term u and no sensitivities: e = sigma sqrt(10 + ln n)/|u|."""
         plan = hidden.draw(5, self.KNOWN, kind="nothing", **(QUIET | {"repeats": False}))

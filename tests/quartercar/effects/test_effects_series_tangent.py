@@ -51,7 +51,7 @@ def differences(composition: Composition, s: Signals, vector: np.ndarray, step: 
     return out
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(("current", "hysteresis"), [("held", True), ("swinging", False)], ids=str)
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_columns_are_those_of_differences(element: str, current: str, hysteresis: bool) -> None:

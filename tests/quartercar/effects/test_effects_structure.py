@@ -195,7 +195,7 @@ class TestResonance:
         fine = lsim(system, np.repeat(current - current[0], 100), PERIOD / 100 * np.arange(100 * 1024), interp=False)[1]
         np.testing.assert_allclose(got, current[0] + fine[round(100 * SEEN_AFTER)::100], atol=1e-9)
 
-    @pytest.mark.thinned(2, "seconds")
+    @pytest.mark.seconds
     @pytest.mark.parametrize("frequency", [40.0, 120.0])
     def test_a_force_that_turns_between_samples_rings_from_there(self, frequency: float) -> None:
         """Friction on tones, of which the reference knows every reversal, and this one the samples."""

@@ -97,7 +97,7 @@ def test_a_clamped_current_stays_in_the_fitted_range():
     assert u[:, -1].max() > 2.0 and error(found) < 1e-13
 
 
-@pytest.mark.thinned(4, "seconds")
+@pytest.mark.seconds
 @needs_compiler
 @pytest.mark.parametrize("case", ["guo-15", "kwok, affine", "force-map, edges", "extended-bouc-wen, full"])
 def test_compiled_dampers_agree(case):
@@ -107,7 +107,7 @@ def test_compiled_dampers_agree(case):
     assert single.passed and single.error < 1e-5
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @needs_compiler
 @pytest.mark.parametrize("damper", [BoucWen(**RANGE), BoucWen(scheduled=False, springs=False, free_exponent=True),
                                     BoucWen(centre=0.01, polarity=-1, **RANGE), WangKamath(),
@@ -341,6 +341,7 @@ def test_the_entry_point_names_this_exporter():
     assert re.search(r'\[project\.entry-points\."lpvid\.exports"\]\nquartercar = "quartercar\.export:EXPORTER"', text)
 
 
+@pytest.mark.seconds
 def test_a_damper_file_is_exported_from_the_command_line(tmp_path):
     from typer.testing import CliRunner
 

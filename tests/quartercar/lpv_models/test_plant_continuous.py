@@ -97,6 +97,7 @@ def test_the_nonlinear_car_is_replayed_within_the_stated_error(embedded: Embedde
         embedded.plant.along(run).scheduling).mean() > 0.99
 
 
+@pytest.mark.seconds
 def test_a_lag_in_front_replays_the_added_force() -> None:
     law = damper(2)
     run = QuarterCar(MEGANE, law, lift_off=False).run(*_short())

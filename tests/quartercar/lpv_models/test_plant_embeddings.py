@@ -78,7 +78,7 @@ def test_equations_hold_at_every_sample(name: str) -> None:
     assert output_gap(embedding, driven(damper)) < 1e-9
 
 
-@pytest.mark.thinned(6, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", list(embeddings()))
 def test_replay_is_the_run_to_integration_accuracy(name: str) -> None:
     # both sides are of second order in the step
@@ -101,6 +101,7 @@ def test_the_scheduling_of_a_run_is_in_the_region() -> None:
     assert speed.region.contains(speed.along(run).scheduling).all()
 
 
+@pytest.mark.seconds
 def test_demands_beyond_the_limits() -> None:
     run = driven(DAMPER, over=2.0)
     embedding = LimitedPair(MEGANE, LAW, Reach.of(run))
@@ -116,6 +117,7 @@ def test_demands_beyond_the_limits() -> None:
     np.testing.assert_allclose(soft.ratio(asked) * asked, LAW.half_range * np.tanh(asked / LAW.half_range), atol=1e-9)
 
 
+@pytest.mark.seconds
 def test_the_prefilter_is_the_coil() -> None:
     coil = Coil(rise_time=0.02, fall_time=0.02, highest=2.5)
     embedding = Prefiltered(SaturationPair(MEGANE, LAW), 0.02)

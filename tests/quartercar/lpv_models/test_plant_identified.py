@@ -22,7 +22,7 @@ from quartercar.rides.default_damper import identified_damper
 from quartercar.vehicle.nonlinear import QuarterCar
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("slope, affine", [(0.0, 0.0), (0.008, -15.0)])
 @pytest.mark.parametrize("form", ["augmented", "observable", "controllable"])
@@ -134,7 +134,7 @@ def test_what_E9_refuses() -> None:
         IdentifiedDamper(MEGANE, LpvArx(order=1, stored=Held(bent.replace(lagged=True), ONE).to_dict()))
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(4, "slow", "seconds")
 @pytest.mark.parametrize("which, centre", [("plain", 1.25), ("moving knee", 1.25), ("embedded", 0.3),
                                            ("embedded", 1.25)])
 def test_a_ramped_force_is_the_nonlinear_car(which: str, centre: float) -> None:

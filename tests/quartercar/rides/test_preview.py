@@ -40,7 +40,7 @@ def test_the_known_road_is_the_profile_that_comes(rng):
     np.testing.assert_array_equal(known.look(48)[:, 1:], np.repeat((profiles[49] - profiles[48])[:, None], 6, axis=1))
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize(("samples", "share"), [(26.0, 0.15), (25.6, 0.5)])
 def test_the_front_axle_meets_the_road_that_much_earlier(samples: float, share: float):
     """With sensors of hardly any noise the register is the profile ahead; a sample more or less of delay is far worse.

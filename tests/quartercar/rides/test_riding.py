@@ -146,7 +146,7 @@ def test_a_coil_without_limits_is_refused():
         ride(car(coil=Coil()), SHORT, Skyhook())
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("damper", [None, Linear(values={"damping": 1500.0})])
 def test_a_car_without_a_current_needs_no_coil(damper):
     """Its rides are those with a coil, whose command changes nothing, and no command stands at a limit."""
@@ -177,7 +177,7 @@ def test_a_viscous_damper_takes_what_it_is_given():
     assert found.passivity.storage == "known" and found.passivity.holds and found.passivity.negative_share == 0
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("damper", [plain(), PowerLawFrictionGas()])
 def test_delivered_less_stored_never_falls_below_the_start(damper):
     found = ride(car(damper), Bump(duration=2.0), Skyhook())

@@ -111,7 +111,7 @@ def test_step_size_is_second_order():
     assert 3.0 < coarse / fine < 5.5
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "damper",
     [RigDamper(), RigDamper(yield_speed=1e-3, viscous=50.0, viscous_per_current=300.0, series_stiffness=4e6),

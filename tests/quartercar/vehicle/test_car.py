@@ -320,7 +320,7 @@ def test_every_damper_gives_its_own_response_inside_the_car(name: str):
     assert abs(balance.gap) < 5e-3 * np.abs([balance.road, balance.damper, balance.stored]).max()
 
 
-@pytest.mark.thinned(2, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", ["bouc-wen", "wang-kamath"])
 def test_steps_from_the_rates_alone_agree_with_the_compiled_ones(name: str):
     damper = truth(name)
@@ -339,6 +339,7 @@ def test_steps_from_the_rates_alone_agree_with_the_compiled_ones(name: str):
     np.testing.assert_allclose(forces[1], forces[0], atol=3e-3 * np.ptp(forces[0]))
 
 
+@pytest.mark.seconds
 def test_pieces_are_the_whole():
     for damper in (Guo(), truth("bouc-wen"), truth("lpv-arx")):
         step = damper.clock or 1e-3
@@ -384,7 +385,7 @@ def test_bad_input_in_one_line():
     with pytest.raises(InputError, match="has not been fitted"):
         QuarterCar(MEGANE, LpvArx()).run(np.zeros(5), STEP)
     with pytest.raises(InputError, match="512 Hz"):
-        QuarterCar(MEGANE, truth("lpv-arx")).run(np.zeros(5), STEP)
+        QuarterCar(MEGANE, truth("narx-2")).run(np.zeros(5), STEP)
     with pytest.raises(InputError, match="a model of quartercar"):
         QuarterCar(MEGANE, "guo")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no signal"):

@@ -135,6 +135,7 @@ def test_ramps_recover_the_law_within_their_errors() -> None:
     assert np.max(np.abs(scores)) < 4.5
 
 
+@pytest.mark.seconds
 def test_a_power_term_in_compression_is_found_when_it_is_there(rng: np.random.Generator) -> None:
     truth = PowerLawFrictionGas.from_printed((900.0, 1500.0, 1.8), (600.0, 900.0, 2.2), friction=30.0,
                                              gas_preload=150.0, gas_stiffness=400.0).replace(friction_speed=1e-4)
@@ -146,6 +147,7 @@ def test_a_power_term_in_compression_is_found_when_it_is_there(rng: np.random.Ge
     assert np.nanmax(np.abs(found.correlation)) <= 1 + 1e-9
 
 
+@pytest.mark.seconds
 def test_ramps_without_displacement_leave_the_stiffness_out(rng: np.random.Generator) -> None:
     runs = [Record({n: r.channels[n] for n in ("velocity", "force")}, sample_time=r.sample_time, name=r.name)
             for r in ramps(rng)]

@@ -161,7 +161,7 @@ def test_the_right_network_is_chosen_over_twenty_draws(name: str, noise: float) 
     assert verdicts[name] >= 18, verdicts
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(3, "slow", "seconds")
 @pytest.mark.parametrize(("name", "low", "high", "missing"), [
     ("series", 1e-3, 2.5e-3, "below"), ("series", 2e-5, 6e-5, "above"), ("parallel", 1e-5, 3e-5, "above|below")])
 def test_a_short_range_cannot_tell_and_names_the_missing_speeds(name: str, low: float, high: float,
@@ -174,6 +174,7 @@ def test_a_short_range_cannot_tell_and_names_the_missing_speeds(name: str, low: 
     assert all("mm/s" in r and any(word in r for word in missing.split("|")) for r in undecided)
 
 
+@pytest.mark.seconds
 def test_the_missing_speeds_do_tell(rng: np.random.Generator) -> None:
     short = choose_network(characteristic("series", 0.01, rng, np.geomspace(2e-5, 6e-5, 12)))
     assert short.verdict == "cannot tell"
@@ -212,6 +213,7 @@ def test_ratio_of_a_true_null_is_rarely_small() -> None:
     assert p.max() <= 0.5
 
 
+@pytest.mark.seconds
 def test_both_directions_are_folded_and_asymmetry_is_said(rng: np.random.Generator) -> None:
     c = characteristic("series", 0.01, rng)
 
@@ -237,6 +239,7 @@ def test_a_curve_of_no_network_is_said_to_be_missed(rng: np.random.Generator) ->
     assert any("times their errors" in n for n in choose_network(c).notes)
 
 
+@pytest.mark.seconds
 def test_it_prints_stores_and_becomes_a_damper(rng: np.random.Generator) -> None:
     choice = choose_network(characteristic("mixed", 0.01, rng))
     text = repr(choice)

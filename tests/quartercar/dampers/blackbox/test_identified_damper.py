@@ -95,7 +95,7 @@ def test_it_stands_still_in_a_car_at_rest(kind):
     assert gap < 2.0
 
 
-@pytest.mark.thinned(13, "seconds")
+@pytest.mark.seconds
 def test_cars_side_by_side_do_what_one_does(kind):
     damper = Identified.of(model(kind))
     one = car(damper).run(ROAD, 1 / RATE, VOLTS)

@@ -66,6 +66,7 @@ def test_coefficients_of_the_loop_come_back(method: str) -> None:
     assert len(found.names) == 12 and found.reads == ("displacement", "velocity", "current")
 
 
+@pytest.mark.seconds
 def test_three_lags() -> None:
     rng = np.random.default_rng(2)
     a = np.column_stack([-np.poly([0.6, 0.3 + 0.4j, 0.3 - 0.4j])[1:].real, np.zeros(3)])
@@ -153,6 +154,7 @@ def test_structure_follows_the_data() -> None:
     assert (poor.degree, poor.displacement, poor.reads) == (0, False, ("velocity",))
 
 
+@pytest.mark.seconds
 def test_rest_and_static_force_against_a_long_loop() -> None:
     found = estimated(Narx2(degree=1), [record()]).damper
     x, v, i = 0.01, 0.2, 1.3
@@ -178,6 +180,7 @@ def test_a_dashpot_told_by_differences_of_displacement_is_one_at_constant_veloci
     assert found.passivity().power == 0.0
 
 
+@pytest.mark.seconds
 def test_work_of_a_cycle_against_the_loop() -> None:
     found = estimated(Narx2(degree=1), [record()]).damper
     size, f = 0.01, 4.0
@@ -215,6 +218,7 @@ def test_fit_reports_free_run_figures() -> None:
     assert np.abs(errors).max() < 4
 
 
+@pytest.mark.seconds
 def test_refusals() -> None:
     with pytest.raises(InputError, match="has not been fitted yet"):
         Narx2().simulate(record())

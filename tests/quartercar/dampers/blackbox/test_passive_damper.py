@@ -48,7 +48,7 @@ def test_the_setting_is_kept_and_the_damper_certified(passive):
     assert not margin_of(passive).active
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(4, "slow", "seconds")
 @pytest.mark.parametrize("current", [0.0, 1.2, 2.5, "jumping"])
 def test_in_a_car_it_gives_no_more_than_it_has(passive, current):
     rng = np.random.default_rng(1)
@@ -63,6 +63,7 @@ def test_in_a_car_it_gives_no_more_than_it_has(passive, current):
     assert found.lowest >= -1e-12 * exchanged  # zero to rounding
 
 
+@pytest.mark.seconds
 def test_stored_energy_stands_for_what_the_past_holds(passive):
     """By hand for two samples: x = [F(k−1), F(k−2), v(k−1), w(k−1)]."""
     certificate, stage = certificate_for(passive), passive.model.input_stage

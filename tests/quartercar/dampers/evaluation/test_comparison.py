@@ -130,6 +130,7 @@ def test_it_prints_as_a_table(found):
     assert "N = 4,794 samples in 3 records" in text
 
 
+@pytest.mark.seconds
 def test_remarks_that_qualify_every_figure_stand_first_whatever_their_words(found):
     """A note is a caveat by its type, given where it arises, and not by its words."""
     noted = found.with_notes((Caveat("zwei von drei"), "reversed polarity is a word in this one"))
@@ -348,6 +349,7 @@ def test_a_perfect_model_scores_zero():
     )
 
 
+@pytest.mark.seconds
 def test_thinning_keeps_stretches_of_every_record_and_says_so():
     records = [guo_record(4000, 0), guo_record(4000, 1, name="second")]
     cut = stretches(records, 2000, 250)

@@ -136,6 +136,7 @@ def test_many_starts_find_the_minimum_that_one_misses() -> None:
     assert f"{starts.agreed} of {starts.searched} starts agree" in repr(many)
 
 
+@pytest.mark.seconds
 def test_the_same_seed_gives_the_same_fit() -> None:
     _, given = _tanh(30.0)
     one, two = (fit(Tanh(), given, settings=FitSettings(seed=3)) for _ in range(2))
@@ -271,6 +272,7 @@ def test_gaps_cut_and_velocity_is_derived_with_a_note() -> None:
     assert any("velocity derived" in n for n in found.notes) and any("cut into 2 pieces" in n for n in found.notes)
 
 
+@pytest.mark.seconds
 def test_currents_are_remembered_and_those_outside_counted() -> None:
     v, rng = sweep(), np.random.default_rng(0)
     low, high = rng.uniform(0, 1, v.size), rng.uniform(0.5, 1.5, v.size)

@@ -76,14 +76,14 @@ def assert_similar(name: str, how: str, tolerance: float) -> None:
             assert got == pytest.approx(wanted, rel=tolerance, abs=1e-6 * sizes.factor(p.unit)), p.name
 
 
-@pytest.mark.thinned(5, "seconds")
+@pytest.mark.thinned(16, "seconds")
 @pytest.mark.parametrize("how", SIMILAR)
 @pytest.mark.parametrize("name", STATIC)
 def test_a_law_without_memory_in_another_size(name: str, how: str) -> None:
     assert_similar(name, how, 1e-5)
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.thinned(6, "seconds")
 @pytest.mark.parametrize("how", ["weak", "short", "quick", "slow"])
 @pytest.mark.parametrize("name", ["bouc-wen", "force-map"])
 def test_a_law_with_memory_in_another_size(name: str, how: str) -> None:

@@ -22,6 +22,7 @@ def drive(samples: int = 1500) -> Drive:
     return Drive(1 / 512, v, np.cumsum(v) / 512, current, 1000 * v)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("damper", [
     BoucWen(scheduled=True, free_exponent=True), BoucWen(scheduled=False),
     BoucWen(scheduled=True, springs=False, exponent=1.3),

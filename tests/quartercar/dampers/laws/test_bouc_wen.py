@@ -160,7 +160,7 @@ def test_the_scale_of_z_changes_nothing() -> None:
     assert np.allclose(BoucWen.from_published(other).vector, model.vector, rtol=1e-12)
 
 
-@pytest.mark.thinned(3, "seconds")
+@pytest.mark.seconds
 @pytest.mark.parametrize("exponent", [1.0, 1.6, 3.0])
 def test_other_exponents_from_their_printed_form(exponent: float) -> None:
     printed = SpencerParameters(c_0a=800.0, c_1a=15000.0, alpha_a=40000.0, k_0=1000.0, k_1=0.0, x_0=0.0,

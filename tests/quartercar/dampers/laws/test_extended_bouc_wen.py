@@ -163,6 +163,7 @@ def test_derivatives_against_the_complex_step(lag: str) -> None:
         assert np.abs(found[:, j] - exact).max() < 1e-10 * np.abs(exact).max(), damper.names[j]
 
 
+@pytest.mark.seconds
 def test_derivatives_only_of_rows_that_the_current_reaches() -> None:
     damper = ExtendedBoucWen(nodes=(0.0, 0.5, 1.0, 2.0))
     found = damper.jacobian(sine(0.3, current=0.7), damper.vector)
@@ -219,7 +220,7 @@ def test_runge_kutta_serves_below_the_limit() -> None:
     assert explicit is not None and np.abs(explicit - exact).max() < 1e-3 * exact.std()
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(4, "slow", "seconds")
 @pytest.mark.parametrize(("sharpness", "explicit_error"), [(5e3, 1e-4), (2e4, 0.25), (8e4, None), (1e6, None)])
 def test_the_figures_that_the_docstring_states(sharpness: float, explicit_error: float | None) -> None:
     damper, drive = uniform(sharpness), sine(1.3)

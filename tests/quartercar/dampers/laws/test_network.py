@@ -109,6 +109,7 @@ def test_conductances_add_in_parallel_and_resistances_in_series() -> None:
     assert float(Parallel(Turbulent(4.0), Turbulent(4.0)).pressure(1.0)) == pytest.approx(1.0, rel=1e-14)
 
 
+@pytest.mark.seconds
 def test_a_nested_composition_balances_at_every_node() -> None:
     bleed, valve, seat = Laminar(5.0), Turbulent(0.7), Series(Turbulent(0.1), Laminar(0.2))
     net = Series(Parallel(bleed, Series(valve, seat)), Turbulent(0.05))
@@ -216,7 +217,7 @@ def test_starts_are_near_the_truth(kind: type[NetworkDamper], asymmetric: bool, 
     assert all(np.all(s >= [p.lower for p in m.parameters]) for s in first)
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(2, "slow", "seconds")
 @pytest.mark.parametrize("kind", MODELS)
 @pytest.mark.parametrize("asymmetric", [False, True])
 def test_a_fit_recovers_the_network(kind: type[NetworkDamper], asymmetric: bool, rng: np.random.Generator) -> None:

@@ -150,6 +150,7 @@ def test_sensitivities_of_what_acts_beside_the_oil(kind: type[LagDamper], measur
                                atol=1e-12)
 
 
+@pytest.mark.seconds
 @KINDS
 def test_first_order_arithmetic_is_the_derivative(kind: type[LagDamper]) -> None:
     """Against central differences of real runs, whose steps' grid is the same at a change of 1e-7."""
