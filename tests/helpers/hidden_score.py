@@ -15,9 +15,10 @@ from lpvid.effects.effect import Effect
 from quartercar.effects import CATALOGUE
 
 Row = dict
-BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag", "coulomb-friction"}
+BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag", "coulomb-friction", "hysteresis"}
 """what a Bouc-Wen damper has and Guo's law has not: a spring in series, linear or not, the lag of its current, of 0.3
-to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a Bouc-Wen element of constant force)"""
+to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a Bouc-Wen element of constant force,
+hysteresis any of its kind)"""
 
 CHAIN = "shared-filter"
 KNOWN = {e.name for e in CATALOGUE}

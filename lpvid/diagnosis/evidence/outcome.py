@@ -76,12 +76,13 @@ class EvidenceOutcome:
     def needless(self) -> bool:
         """Whether the baseline alone is as near as a good law, and every member of the set changes too little.
 
-        It is then no answer that the error is unexplained.
+        It is then no answer that the error is unexplained. What is known to be noise, by repeats, counts for nothing.
         """
         selected = self.selected
         least = least_change(selected.relative_error, selected.law_error)
-        return all(m.change < least for m in selected.members) and \
-            self.search.relative_rms(selected.before) <= ACCEPTABLE_MISFIT
+        noise = 0.0 if self.search.noise is None else float(self.search.noise.noise.mean())
+        return all(m.change < least for m in selected.members) and self.search.relative_rms(selected.before) ** 2 - \
+            noise / self.search.data.discrepancy.output_rms**2 <= ACCEPTABLE_MISFIT**2
 
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:

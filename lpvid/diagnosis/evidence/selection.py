@@ -342,12 +342,11 @@ def _least_error_set(search: SetSearch, fits: dict[frozenset[str], Refit]) -> tu
     def share(errors: np.ndarray) -> float:
         return search.relative_rms(problem.unweighed(errors)) ** 2
 
-    notable = ACCEPTABLE_MISFIT**2
-    if not share(root.errors) - share(least.fit.errors) > notable:
+    if not share(root.errors) - share(least.fit.errors) > ACCEPTABLE_MISFIT**2:
         return None
     _cross_validate(search, fits, root, [root.composition, least.fit.composition])
     before, after = folds_of(problem, fits[frozenset()]), folds_of(problem, fits[least.members])
-    if not (_lowers_error(problem, root, after) and share(before) - share(after) > notable):
+    if not (_lowers_error(problem, root, after) and share(before) - share(after) > ACCEPTABLE_MISFIT**2):
         return None
     return tuple(sorted(least.members)), float(np.sqrt(share(after)))
 
