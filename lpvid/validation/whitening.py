@@ -11,7 +11,7 @@ from lpvid._stationary import toeplitz_basis, variance_components
 from lpvid.baselines.repeats import repeats
 from lpvid.baselines.signals import Signals
 from lpvid.rounding import EXPLODED, TINY
-from lpvid.validation.trust import autocovariance
+from lpvid.validation.trust import QUANTILE, autocovariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +25,15 @@ class Whitening:
     it and partly white: a law errs in proportion to its force, the fit removes most of that where the force has most,
     and where the motion reverses an error has any frequency.
 
+    Noise that is slower than a block is alike in its neighbours, and of an offset many such blocks say little more than
+    one. So λ_i is the variance of the sum over all blocks, by their number: the covariances between blocks are added.
+
     Attributes
     ----------
+    variance : float
+        Of the noise, in the output's unit squared.
     noise, misfit : (n,) arrays
-        λ and m, in the output's unit squared.
+        λ and m, in the same unit.
     shapes : (3, n) array
         Misfits of mean one: like the output's power, like its amplitude, and white.
     basis : (n, n) array
@@ -37,6 +42,7 @@ class Whitening:
         Square roots of the weights.
     """
 
+    variance: float
     noise: np.ndarray
     misfit: np.ndarray
     shapes: np.ndarray
@@ -157,11 +163,31 @@ def whitening_of(signals: Sequence[Signals], errors: Sequence[np.ndarray], chann
     count = sum(d.size for d in differences)
     if count < 2 * size:
         return None
-    covariance = np.sum([autocovariance(d, size) for d in differences], axis=0) / count
+    covariance = np.sum([autocovariance(d, max(e.size for e in differences)) for d in differences], axis=0) / count
     if not 0 < covariance[0] < EXPLODED:
         return None
-    noise, basis = toeplitz_basis(covariance)
+    within, basis = toeplitz_basis(covariance[:size])
+    noise = _summed_over_blocks(covariance, basis, within, count // size)
     like_output = _squares(output, basis)
     shapes = np.array([like_output**power for power in (1.0, 0.5, 0.0)])
     shapes /= np.maximum(shapes.mean(axis=1, keepdims=True), TINY)
-    return Whitening(noise, np.zeros(size), shapes, basis, np.ones(size))
+    return Whitening(float(covariance[0]), noise, np.zeros(size), shapes, basis, np.ones(size))
+
+
+def _summed_over_blocks(covariance: np.ndarray, basis: np.ndarray, within: np.ndarray, count: int) -> np.ndarray:
+    """(n,) variance of the sum over blocks along every eigenvector, by their number.
+
+    `within` is that of a block alone. The covariance with each further block counts as long as it is positive beyond
+    its 95 % interval with `count` blocks (Geyer 1992, initial positive sequence).
+    """
+    from scipy.linalg import toeplitz
+
+    total, counted, size = within.copy(), np.full(within.size, True), within.size
+    for first in range(size, covariance.size - size, size):
+        later = toeplitz(covariance[first: first + size], covariance[first:first - size:-1])
+        between = np.einsum("ti,ti->i", basis, later @ basis)
+        counted &= between > QUANTILE / np.sqrt(count) * within
+        if not counted.any():
+            break
+        total += 2 * np.where(counted, between, 0.0)
+    return total

@@ -186,8 +186,8 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
         return EffectiveSamples(1.0, 0.0, 0.0, stacked.size)
     if problem.whitening is not None:
         w = problem.whitening.beside(stacked)
-        share = float(w.misfit.mean() / (w.noise + w.misfit).mean())
-        return EffectiveSamples(w.independent_share(stacked.size, alpha), share, float(w.noise.mean()), stacked.size, w)
+        share = float(w.misfit.mean()) / (w.variance + float(w.misfit.mean()))
+        return EffectiveSamples(w.independent_share(stacked.size, alpha), share, w.variance, stacked.size, w)
     floor = min(white_noise(problem, stacked) + total * sum(x.share for x in spectrum_lines(problem, errors)), total)
     return EffectiveSamples(kappa_of(1 - floor / total, stacked.size, alpha), 1 - floor / total, floor, stacked.size)
 

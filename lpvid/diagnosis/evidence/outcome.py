@@ -80,7 +80,7 @@ class EvidenceOutcome:
         """
         selected = self.selected
         least = least_change(selected.relative_error, selected.law_error)
-        noise = 0.0 if self.search.noise is None else float(self.search.noise.noise.mean())
+        noise = 0.0 if self.search.noise is None else self.search.noise.variance
         return all(m.change < least for m in selected.members) and self.search.relative_rms(selected.before) ** 2 - \
             noise / self.search.data.discrepancy.output_rms**2 <= ACCEPTABLE_MISFIT**2
 

@@ -123,8 +123,8 @@ class SetSearch(VisitedSets):
         best, problem = self.best, self.problem
         if self.noise is None or best.members == self.weighed_for:
             return None
-        floor, repeated = self.effective.floor, float(self.noise.noise.mean())
-        if problem.whitening is None and 2 * (repeated - floor) < best.mean_square - floor:
+        floor = self.effective.floor
+        if problem.whitening is None and 2 * (self.noise.variance - floor) < best.mean_square - floor:
             return None
         noise = self.noise.beside(problem.unweighed(best.fit.errors), STRUCTURED_SAMPLES)
         problem = replace(problem, whitening=noise)

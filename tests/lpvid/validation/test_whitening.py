@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.toy_diagnosis import PERIOD, coloured, drive
 from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 
 from lpvid._stationary import toeplitz_basis, variance_components
 from lpvid.baselines.signals import Signals
@@ -21,7 +22,7 @@ AR1 = POLE ** np.arange(SIZE)
 
 def slow() -> Whitening:
     noise, basis = toeplitz_basis(AR1)
-    return Whitening(noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
+    return Whitening(float(noise.mean()), noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
 
 
 def runs(count: int, rng: np.random.Generator, misfit: float = 0.0) -> tuple[list[Signals], list[np.ndarray]]:
@@ -34,7 +35,7 @@ def runs(count: int, rng: np.random.Generator, misfit: float = 0.0) -> tuple[lis
 def test_white_noise_and_a_white_misfit_count_as_without_weights(rng: np.random.Generator) -> None:
     """κ is that of p = 1/5 for noise of variance 4 and a misfit of variance 1; all weights are one."""
     noise, basis = toeplitz_basis(4.0 * np.eye(1, SIZE)[0])
-    flat = Whitening(noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
+    flat = Whitening(float(noise.mean()), noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
     found = flat.beside(np.sqrt(5.0) * rng.standard_normal(SIZE * 4000), ALPHA)
     np.testing.assert_allclose(found.root_weight, 1.0, rtol=1e-9)
     assert found.misfit == pytest.approx(1.0, rel=0.1)
@@ -48,7 +49,7 @@ def test_least_squares_of_weighed_values_are_generalised_least_squares(rng: np.r
     found = slow().beside(coloured(SIZE * BLOCKS, rng, np.ones(1)) * 0.9, ALPHA)
     assert np.allclose(found.misfit, 0.0, atol=1e-3) and found.independent_share(SIZE * BLOCKS, ALPHA) > 0.9
     exact = slow()
-    exact = Whitening(exact.noise, exact.misfit, exact.shapes, exact.basis, 1 / np.sqrt(exact.noise))
+    exact = Whitening(1.0, exact.noise, exact.misfit, exact.shapes, exact.basis, 1 / np.sqrt(exact.noise))
     columns, y = rng.standard_normal((SIZE * BLOCKS, 3)), rng.standard_normal(SIZE * BLOCKS)
     ours = np.linalg.lstsq(exact.weighed(columns), exact.weighed(y), rcond=None)[0]
     inverse = np.kron(np.eye(BLOCKS), np.linalg.inv(toeplitz(AR1)))
@@ -110,3 +111,23 @@ def test_variances_are_those_that_were_drawn(rng: np.random.Generator) -> None:
     found = variance_components(squares, known, shapes)
     np.testing.assert_allclose(found, [1.0, 0.0, 3.0], atol=0.3)
     assert (found >= 0).all()
+
+
+def test_noise_slower_than_a_block_is_worth_few_of_them(rng: np.random.Generator) -> None:
+    """An AR(1) of 200 samples in blocks of 60: the mean of a block has the variance of its sum over many, by draws."""
+    pole, n = 1 - 1 / 200, SIZE * 1600
+    u = drive(n, rng)
+    signals = [Signals(PERIOD, {"u": u}, u, f"run-{k}") for k in range(2)]
+
+    def slow_noise() -> np.ndarray:
+        steps = rng.standard_normal(n + 4000) * np.sqrt(1 - pole**2)
+        return np.asarray(lfilter([1.0], [1.0, -pole], steps))[4000:]
+
+    found = whitening_of(signals, [slow_noise() for _ in signals], ["u"], u, SIZE)
+    assert found is not None
+    flat = np.ones(SIZE) / np.sqrt(SIZE)
+    of_mean = float((found.basis.T @ flat) ** 2 @ found.noise)
+    drawn = np.mean([(slow_noise().reshape(-1, SIZE) @ flat).sum() ** 2 / 1600 for _ in range(100)])
+    alone = flat @ toeplitz(pole ** np.arange(SIZE)) @ flat
+    assert of_mean == pytest.approx(drawn, rel=0.4) and drawn > 5 * alone
+    assert found.variance == pytest.approx(1.0, rel=0.3)
