@@ -376,7 +376,9 @@ def _data(found: Diagnosis) -> list[Item]:
     if noise:
         low, high = noise.get("repeating", (0.0, 0.0))
         repeats = f"; an error of {number(low, 3)} to {number(high, 3, found.unit)} repeats" if high > 0 else ""
-        stated = [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}{repeats}."]
+        weighed = "; its spectrum weighs the errors of the search" if noise.get("weighed") else ""
+        stated = [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}{repeats}"
+                  f"{weighed}."]
     parameters = found.baseline.get("parameters", [])
     items: list[Item] = [Notes((*stated, *found.notes, f"{found.seconds:.1f} s of computing."))]
     if parameters:

@@ -171,7 +171,7 @@ class EvidenceOutcome:
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
             described = "; ".join(f"{_either(m, self.search.problem.signals)}{self._of_family(m)}" for m in contested)
-            return "cannot-tell", f"these data do not distinguish between {described}"
+            return "cannot-tell", f"these data do not distinguish between {described}; {structure}"
         if others:
             names = ", ".join(m.effect.name for m in others)
             why = "; ".join(f"{m.effect.name}: {self.selected.reason_not_named(m) or NO_GAIN}" for m in others)
@@ -298,12 +298,12 @@ class EvidenceOutcome:
                      for k, (w, p) in enumerate(self.selected.sets) if k < LISTED or w.members == reported)
 
     def _noise(self, level: NoiseLevel) -> dict[str, Any]:
-        s = self.search
-        noise = s.effective.floor if s.problem.whitening else self.selected.sets[0][0].marginal(s.kappa).noise
-        white, share = s.kappa > 0.5, self.selected.predictable
-        return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(noise)),
-                "coefficients": [1.0], "from_repeats": level.description, "repeating": list(level.repeating),
-                "predictable_share": share, "independent_samples": s.kappa * s.problem.n_samples}
+        s, weighed = self.search, self.search.problem.whitening is not None
+        noise = s.effective.floor if weighed else self.selected.sets[0][0].marginal(s.kappa).noise
+        return {"name": "white-noise" if s.kappa > 0.5 and not weighed else "coloured-noise", "order": 0,
+                "level": float(np.sqrt(noise)), "coefficients": [1.0], "from_repeats": level.description,
+                "repeating": list(level.repeating), "weighed": weighed, "predictable_share": self.selected.predictable,
+                "independent_samples": s.kappa * s.problem.n_samples}
 
 
 def _either(m: SetMember, signals: Sequence[Signals]) -> str:

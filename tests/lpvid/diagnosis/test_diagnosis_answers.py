@@ -274,6 +274,7 @@ def test_a_form_is_listed_with_the_components_that_it_describes_too():
     assert found.weights is not None and found.weights.causes["any-step"] > NAMED_PROBABILITY
     assert not found.causes and [r.names for r in found.rivals] == [("any-step", "cubic")]
     assert found.verdict == "cannot-tell" and "a form that describes cubic too" in found.reason
+    assert "the error that the inputs predict is" in found.reason
     assert found.after.esr_held_out < found.before.esr_held_out
 
 
@@ -288,7 +289,9 @@ def test_a_repeat_shows_a_small_cause_in_slow_noise(hidden, rng):
     assert [c.name for c in found.causes] == [wanted] and found.verdict == "explained"
     assert found.noise["independent_samples"] > 8 * STRUCTURED_SAMPLES
     assert found.noise["level"] == pytest.approx(0.3, rel=0.25)
-    assert not diagnose([first, other], Bent(), CAUSES).causes
+    assert found.noise["weighed"] and found.noise["name"] == "coloured-noise"
+    single = diagnose([first, other], Bent(), CAUSES)
+    assert not single.causes and not single.noise["weighed"]
 
 
 @pytest.mark.seconds
