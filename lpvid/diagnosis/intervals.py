@@ -26,7 +26,7 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     (P, P) array
         In the units of the parameters, squared.
     """
-    found = refitting.covariance(problem, fit)
+    found = fit.cached("covariance", lambda: refitting.covariance(problem, fit)).copy()
     for effect, place in zip(fit.composition.effects, fit.composition.places, strict=True):
         if effect.stepwise:
             found[place.start, :] = found[:, place.start] = 0.0

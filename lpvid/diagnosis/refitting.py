@@ -109,12 +109,18 @@ class Refit:
         Returns
         -------
         Refit
+            Without weights, it keeps the covariance that it has with them.
         """
+        if problem is self.problem:
+            return self
+
         def weighed(values: np.ndarray) -> np.ndarray:
             return problem.weighed(self.problem.unweighed(values))
 
         errors = weighed(self.errors)
         kept = {"jacobian": weighed(self.jacobian)} if "jacobian" in self.cache else {}
+        if problem.whitening is None:
+            kept["covariance"] = covariance(self.problem, self)
         return replace(self, problem=problem, errors=errors, cost=float(errors @ errors), cache=kept)
 
     def at_bounds(self) -> np.ndarray:

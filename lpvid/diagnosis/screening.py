@@ -158,14 +158,15 @@ def directions(problem: DiagnosisProblem, fit: Refit, changes: Sequence[Candidat
     if not changes:
         return []
     basis = projector(fit.free_jacobian) if basis is None else basis
-    raw = problem.weighed(np.array([problem.stack(m.change) for m in changes]).T).T
+    plain = np.array([problem.stack(m.change) for m in changes])
+    raw = problem.weighed(plain.T).T
     beyond = without(basis, raw.T).T
     norms, raw_norms = np.linalg.norm(beyond, axis=1), np.linalg.norm(raw, axis=1)
     shares = np.maximum(beyond @ fit.errors, 0.0) / np.where(norms > 0, norms, np.inf) ** 2
     out = []
-    for m, change, norm, raw_norm, share in zip(changes, beyond, norms.tolist(), raw_norms.tolist(), shares.tolist(),
-                                                strict=True):
-        out.append(Direction(m.effect, m.values, change, norm, raw_norm, raw_norm / np.sqrt(problem.n_samples),
+    for m, in_time, change, norm, raw_norm, share in zip(changes, plain, beyond, norms.tolist(), raw_norms.tolist(),
+                                                         shares.tolist(), strict=True):
+        out.append(Direction(m.effect, m.values, change, norm, raw_norm, float(np.sqrt(np.mean(in_time**2))),
                              share**2 * norm**2, share))
     return out
 

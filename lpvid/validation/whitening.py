@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid._stationary import toeplitz_basis, variance_components
-from lpvid.baselines.repeats import repeats
-from lpvid.baselines.signals import Signals
+from lpvid.baselines.repeats import Repeat
 from lpvid.rounding import EXPLODED, TINY
 from lpvid.validation.trust import QUANTILE, autocovariance
 
@@ -21,19 +20,18 @@ class Whitening:
     An error e = m + n in a block has along eigenvector i of the covariance of n the variance λ_i of the noise and m_i
     of the misfit. The misfit counts as α samples of N: its variance is m_i N/α as far as the evidence is concerned, and
     the precision of the coordinate is p_i = 1/(λ_i + m_i N/α). For white noise and a misfit like it that is the κ/σ² of
-    all other errors. The weights are p_i over their mean. The misfit is partly like the output, partly less peaked than
-    it and partly white: a law errs in proportion to its force, the fit removes most of that where the force has most,
-    and where the motion reverses an error has any frequency.
+    all other errors. The weights are p_i over their mean.
 
     Noise that is slower than a block is alike in its neighbours, and of an offset many such blocks say little more than
-    one. So λ_i is the variance of the sum over all blocks, by their number: the covariances between blocks are added.
+    one. So λ_i in p_i is the variance of the sum over all blocks, by their number: the covariances between blocks are
+    added. In the most probable misfit it is that within a block.
 
     Attributes
     ----------
     variance : float
         Of the noise, in the output's unit squared.
-    noise, misfit : (n,) arrays
-        λ and m, in the same unit.
+    within, noise, misfit : (n,) arrays
+        λ within a block and over all blocks, and m, in the same unit.
     shapes : (3, n) array
         Misfits of mean one: like the output's power, like its amplitude, and white.
     basis : (n, n) array
@@ -43,6 +41,7 @@ class Whitening:
     """
 
     variance: float
+    within: np.ndarray
     noise: np.ndarray
     misfit: np.ndarray
     shapes: np.ndarray
@@ -103,14 +102,16 @@ class Whitening:
         -------
         Whitening
         """
-        misfit = variance_components(self.squares(error), self.noise, self.shapes) @ self.shapes
+        misfit = variance_components(self.squares(error), self.within, self.shapes) @ self.shapes
         if alpha is None:
             return replace(self, misfit=misfit)
         precision = 1 / (self.noise + misfit * error.size / alpha)
         return replace(self, misfit=misfit, root_weight=np.sqrt(precision / precision.mean()))
 
     def independent_share(self, samples: int, alpha: float) -> float:
-        """κ at any α: Σ g (λ + m)/Σ g (λ + m N/α) with the weights g.
+        """κ: Σ g (λ + m)/Σ g (λ + m N/α), at most one, with the weights g, which are those for one α.
+
+        The first λ is that within a block, as the error has it.
 
         Parameters
         ----------
@@ -124,42 +125,48 @@ class Whitening:
         float
         """
         weight = self.root_weight**2
-        return float(weight @ (self.noise + self.misfit) / (weight @ (self.noise + self.misfit * samples / alpha)))
+        inside = float(weight @ (self.within + self.misfit))
+        return min(inside / float(weight @ (self.noise + self.misfit * samples / alpha)), 1.0)
 
     def _scaled(self, stacked: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        blocks = stacked.reshape(-1, self.noise.size, *stacked.shape[1:])
-        return np.matmul((self.basis * scale) @ self.basis.T, blocks.reshape(*blocks.shape[:2], -1)
-                         ).reshape(stacked.shape)
+        blocks = stacked.reshape(-1, self.noise.size, stacked[0].size)
+        return np.matmul(self.basis, scale[:, None] * np.matmul(self.basis.T, blocks)).reshape(stacked.shape)
 
 
 def _squares(stacked: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return np.mean((stacked.reshape(-1, len(basis)) @ basis) ** 2, axis=0)
 
 
-def whitening_of(signals: Sequence[Signals], errors: Sequence[np.ndarray], channels: Sequence[str],
-                 output: np.ndarray, size: int) -> Whitening | None:
+def whitening_of(pairs: Sequence[Repeat], errors: Sequence[np.ndarray], output: np.ndarray, size: int, start: int
+                 ) -> Whitening | None:
     """The noise of blocks of some samples, from the error that does not repeat where the inputs do.
+
+    The autocovariance is the biased one, with a positive spectrum: at a lag of k of n samples its mean is (1 − k/n) of
+    the true one. Of two halves of one record slow noise is partly the same, and counts as less.
+
+    The misfit is partly like the output, partly less peaked than it and partly white: a law errs in proportion to its
+    force, the fit removes most of that where the force has most, and where the motion reverses an error has any
+    frequency.
 
     Parameters
     ----------
-    signals : sequence of Signals
-        One for each record, whole.
+    pairs : sequence of Repeat
+        Of the records.
     errors : sequence of (n,) arrays
-        Of any model, per record, in the output's unit: what repeats of them is left out.
-    channels : sequence of str
-        The inputs that must repeat.
+        Of a model, per record, in the output's unit: what repeats of them is left out.
     output : (N,) array
         Of the blocks, one after the other, about its mean.
     size : int
         n, samples of a block.
+    start : int
+        Samples at the head of a pair that are left out: a simulation starts there.
 
     Returns
     -------
     Whitening or None
         Without misfit and with equal weights; None where fewer samples repeat than two blocks have.
     """
-    pairs = [r.pair(errors) for r in repeats(signals, channels)]
-    differences = [(first - second) / np.sqrt(2) for first, second in pairs]
+    differences = [(first - second)[start:] / np.sqrt(2) for first, second in (p.pair(errors) for p in pairs)]
     count = sum(d.size for d in differences)
     if count < 2 * size:
         return None
@@ -171,7 +178,7 @@ def whitening_of(signals: Sequence[Signals], errors: Sequence[np.ndarray], chann
     like_output = _squares(output, basis)
     shapes = np.array([like_output**power for power in (1.0, 0.5, 0.0)])
     shapes /= np.maximum(shapes.mean(axis=1, keepdims=True), TINY)
-    return Whitening(float(covariance[0]), noise, np.zeros(size), shapes, basis, np.ones(size))
+    return Whitening(float(covariance[0]), within, noise, np.zeros(size), shapes, basis, np.ones(size))
 
 
 def _summed_over_blocks(covariance: np.ndarray, basis: np.ndarray, within: np.ndarray, count: int) -> np.ndarray:

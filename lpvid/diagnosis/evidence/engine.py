@@ -12,6 +12,7 @@ from lpvid._memory import give_back
 from lpvid._threads import single_thread
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
+from lpvid.baselines.repeats import repeats
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.budgets import LISTED
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
@@ -33,7 +34,6 @@ from lpvid.effects.effect import Effect, by_name
 from lpvid.effects.scaling import Scales
 from lpvid.errors import InputError
 from lpvid.record import Record
-from lpvid.validation.whitening import whitening_of
 
 
 def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
@@ -206,11 +206,9 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     data = EvidenceData(problem, Discrepancy.of(problem, baseline), grid_points, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
-    composition, inputs = Composition(baseline), [c for c in baseline.channels if c != baseline.output]
-    noise = whitening_of(recorded, replace(problem, signals=recorded).errors(composition, baseline.vector), inputs,
-                         problem.stack([s.output - s.output.mean() for s in problem.signals]),
-                         problem.n_samples // problem.blocks.count)
-    return SetSearch(data, usable, channels, report_progress, noise=noise), unusable
+    inputs = {*baseline.channels, *(c for e in usable for c in e.needs)} - {baseline.output}
+    pairs = tuple(repeats(recorded, [c for c in sorted(inputs) if all(s.has(c) for s in recorded)]))
+    return SetSearch(data, usable, channels, report_progress, recorded=recorded, repeated=pairs), unusable
 
 
 def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:

@@ -283,7 +283,6 @@ def output_change(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> floa
     vector = fit.vector.copy()
     vector[place] = effect.neutral
     with np.errstate(all="ignore"):
-        removed = problem.stacked_errors(fit.composition, vector)
-    errors = problem.stacked_errors(fit.composition, fit.vector)
-    change = problem.unweighed(removed - errors)
-    return float(np.sqrt(np.mean(np.minimum(change**2, EXPLODED))))
+        removed = problem.stack(problem.errors(fit.composition, vector))
+    errors = problem.stack(problem.errors(fit.composition, fit.vector))
+    return float(np.sqrt(np.mean(np.minimum((removed - errors) ** 2, EXPLODED))))

@@ -9,6 +9,9 @@ from functools import partial
 import numpy as np
 
 from lpvid._projection import projector, without
+from lpvid.baselines.repeats import Repeat
+from lpvid.baselines.signals import Signals
+from lpvid.diagnosis.blocks import START_UP
 from lpvid.diagnosis.budgets import BEAM_WIDTH, ITERATIONS, MOST_MEMBERS, MOST_STARTS, REFITTED_STARTS
 from lpvid.diagnosis.evidence.candidates import (
     MOST_DEFICIT,
@@ -22,7 +25,8 @@ from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUCTURED_SAMPLES_RANGE
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.relations import LAGGING, related
-from lpvid.diagnosis.evidence.visited import VisitedSets, posterior
+from lpvid.diagnosis.evidence.visited import SEARCH_FACTOR, VisitedSets, posterior
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import ROUGH_DECREASE, Refit, descend, refit, settled_start
 from lpvid.diagnosis.screening import Direction, start_vector
 from lpvid.diagnosis.start_points import start_points
@@ -30,7 +34,7 @@ from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
 from lpvid.effects.scaling import Scales
 from lpvid.rounding import TINY
-from lpvid.validation.whitening import Whitening
+from lpvid.validation.whitening import Whitening, whitening_of
 
 
 @dataclass
@@ -45,8 +49,12 @@ class SetSearch(VisitedSets):
         Visited sets whose children were visited.
     exchanged : set of frozenset of str
         Visited sets of which members were removed and exchanged.
+    recorded : tuple of Signals
+        One for each record, whole.
+    repeated : tuple of Repeat
+        Of these.
     noise : Whitening, optional
-        Of the errors, where repeats show it.
+        What does not repeat of the best set's error.
     weighed_for : frozenset of str, optional
         The set beside whose misfit the errors are weighed.
     """
@@ -54,6 +62,8 @@ class SetSearch(VisitedSets):
     baseline_screening: BaselineScreening = field(default_factory=BaselineScreening)
     enlarged: set[frozenset[str]] = field(default_factory=set)
     exchanged: set[frozenset[str]] = field(default_factory=set)
+    recorded: tuple[Signals, ...] = ()
+    repeated: tuple[Repeat, ...] = ()
     noise: Whitening | None = None
     weighed_for: frozenset[str] | None = None
 
@@ -120,27 +130,53 @@ class SetSearch(VisitedSets):
         SetSearch or None
             Not yet run; None too where nothing repeats, or where the weights are those for the best set.
         """
-        best, problem = self.best, self.problem
-        if self.noise is None or best.members == self.weighed_for:
+        best, problem, floor = self.best, self.problem, self.effective.floor
+        if not self.repeated or best.members == self.weighed_for:
             return None
-        floor = self.effective.floor
-        if problem.whitening is None and 2 * (self.noise.variance - floor) < best.mean_square - floor:
+        weighed = self.weighed(problem, best.fit, self.recorded)
+        self.noise = weighed.whitening
+        if self.noise is None or (problem.whitening is None and (
+                self.kappa > 0.5 or 2 * (self.noise.variance - floor) < best.mean_square - floor)):
             return None
-        noise = self.noise.beside(problem.unweighed(best.fit.errors), STRUCTURED_SAMPLES)
-        problem = replace(problem, whitening=noise)
-        data = replace(self.data, problem=problem, discrepancy=Discrepancy.of(problem, best.fit.composition.baseline))
-        found = SetSearch(data, self.candidates, self.channels, self.report_progress, noise=noise,
-                          weighed_for=best.members, baseline_screening=self.baseline_screening)
+        data = replace(self.data, problem=weighed, discrepancy=Discrepancy.of(weighed, best.fit.composition.baseline))
+        found = replace(self, data=data, visited={}, refitted_larger=set(), enlarged=set(), exchanged=set(), kappas=(),
+                        alpha=SEARCH_FACTOR * STRUCTURED_SAMPLES, weighed_for=best.members,
+                        baseline_screening=BaselineScreening(self.baseline_screening.changes))  # costs of lags differ
 
         def moved(w: EvaluatedSet) -> EvaluatedSet:
-            fit = w.fit.on(problem)
-            vector = settled_start(problem, fit.composition, fit.vector, fit)
-            return found.evaluated(descend(problem, fit.composition, vector, iterations=0))
+            fit = w.fit.on(weighed)
+            vector = settled_start(weighed, fit.composition, fit.vector, fit)
+            return found.evaluated(descend(weighed, fit.composition, vector, iterations=0))
 
-        sets = self.in_parallel(moved, list(self.visited.values()), (problem, data))
+        sets = self.in_parallel(moved, list(self.visited.values()), (weighed, data))
         found.visited |= {w.members: w for w in sets if np.isfinite(w.fit.cost)}
         found.update_kappa()
         return found
+
+    def weighed(self, problem: DiagnosisProblem, fit: Refit, signals: tuple[Signals, ...]) -> DiagnosisProblem:
+        """A problem with its errors weighed by the noise that repeats show beside a fit, and by the misfit of that.
+
+        Parameters
+        ----------
+        problem : DiagnosisProblem
+        fit : Refit
+            On its samples.
+        signals : tuple of Signals
+            One for each record, whole, on its clock.
+
+        Returns
+        -------
+        DiagnosisProblem
+            Not weighed where too little repeats.
+        """
+        period = signals[0].sample_time
+        ratio, size = round(self.recorded[0].sample_time / period), problem.n_samples // problem.blocks.count
+        errors = replace(problem, signals=signals).errors(fit.composition, fit.vector)
+        output = problem.stack([s.output - s.output.mean() for s in problem.signals])
+        noise = whitening_of([r._replace(lag=ratio * r.lag) for r in self.repeated], errors, output, size,
+                             round(START_UP / period))
+        error = problem.stack(problem.errors(fit.composition, fit.vector))
+        return replace(problem, whitening=noise and noise.beside(error, STRUCTURED_SAMPLES))
 
     # -- larger sets -------------------------------------------------------------------------------------------------
     def _can_grow(self, w: EvaluatedSet) -> bool:

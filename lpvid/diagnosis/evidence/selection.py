@@ -417,15 +417,18 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
     SelectedSet
         Its probabilities, gains, shares and relative error are still those of the search.
     """
+    weighs = search.problem.whitening is not None and problem.n_samples <= LONG  # a block of a long record is long too
+    weighed = search.weighed(problem, selected.fit, problem.signals) if weighs else problem
+
     def refitted(f: Refit) -> Refit:
-        found = refit(problem, f.composition, f.vector, rough=True)
+        found = refit(weighed, f.composition, f.vector, rough=True)
         _ = found.jacobian  # with which the refits to both folds begin
         return found
 
     def of_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
         """On every processor, or one after the other along many samples: each takes the memory of a Jacobian."""
         if problem.n_samples <= LONG:
-            return search.in_parallel(function, items, (problem,))
+            return search.in_parallel(function, items, (weighed,))
         results = []
         for item in items:
             results.append(function(item))
@@ -433,8 +436,9 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
         return results
 
     root, fit = of_each(refitted, (selected.root, selected.fit))
-    halves = of_each(lambda item: errors_on_other_fold(problem, *item), [(f, k) for f in (fit, root) for k in (0, 1)])
-    after, before = join_folds(problem, halves[:2]), join_folds(problem, halves[2:])
+    halves = of_each(lambda item: errors_on_other_fold(weighed, *item), [(f, k) for f in (fit, root) for k in (0, 1)])
+    after, before = (weighed.unweighed(join_folds(weighed, half)) for half in (halves[:2], halves[2:]))
+    root, fit = root.on(problem), fit.on(problem)
     places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     members = tuple(replace(m, values=fit.vector[places[m.effect.name]]) for m in selected.members)
     return replace(selected, problem=problem, root=root, fit=fit, before=before, after=after, members=members)
@@ -530,7 +534,7 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     """
     problem = fit.problem
     gains = _gains(problem, ablation, after)
-    before = _out_of_fold_cost(problem, ablation)
+    before, left = (float(np.sum(problem.unweighed(e) ** 2)) for e in (folds_of(problem, ablation), after))
     name, _, support = name_in(search, sets, w, effect)
     of_family = Support.of(sets, match_family(effect.family)).probability
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
@@ -538,6 +542,6 @@ def _member(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best:
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,
-                     ablation.cost - fit.cost, gain_percent(before, before - float(gains.sum())) if before > 0 else 0.0,
+                     ablation.cost - fit.cost, gain_percent(before, left) if before > 0 else 0.0,
                      float(np.mean(gains > 0)), search.relative_rms(problem.unweighed(ablation.errors - fit.errors)),
                      float(gain) if np.isfinite(gain) else None)

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid.baselines.baseline import Baseline
-from lpvid.baselines.signals import Signals, SignalStretch, in_turn
+from lpvid.baselines.signals import Signals, in_turn
+from lpvid.baselines.stretches import cut, cut_together
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.bandwidth import PASSED
 from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
@@ -111,7 +112,7 @@ def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
     ends = len(signals) * (START_UP + LOOK_AHEAD)
     least = ((FEWEST_BLOCKS + len(signals)) * SHORTEST + ends) / signals[0].sample_time
     share = min(max(SEARCH_SAMPLES, least) / sum(s.n_samples for s in signals), 1.0)
-    short = [replace(_cut(s, round(share * s.n_samples)), span=(s.span[0], s.span[0] + share * (s.span[1] - s.span[0]))
+    short = [replace(cut(s, round(share * s.n_samples)), span=(s.span[0], s.span[0] + share * (s.span[1] - s.span[0]))
                      if s.span else None) for s in signals]
     return tuple(replace(s, peers=tuple(short)) for s in short) if share < 1 else tuple(signals)
 
@@ -164,7 +165,7 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
         parts += [(s, a, min(a + size, s.n_samples)) for a in firsts]
         spans += [((begun + a) / total, (begun + min(a + size, s.n_samples)) / total) for a in firsts]
         begun += s.n_samples
-    return (_cut_together(parts, spans, _transition(period)),)
+    return (cut_together(parts, spans, _transition(period)),)
 
 
 def _transition(period: float) -> int:
@@ -195,37 +196,7 @@ def _counts(samples: Sequence[int], size: int, wanted: int) -> list[int]:
 
 def _whole(signals: Sequence[Signals], transition: int) -> Signals:
     """All of the records, one after the other."""
-    return _cut_together([(s, 0, s.n_samples) for s in signals], [s.span or (0.0, 1.0) for s in signals], transition)
-
-
-def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tuple[float, float]], transition: int
-                  ) -> Signals:
-    """Stretches (signals, first, last), one after the other, the first `transition` samples of each a transition."""
-    head = parts[0][0]
-    roles = [r for r in head.channels if all(s.has(r) for s, _, _ in parts)]
-    channels = {r: _concatenated([s[r][a:b] for s, a, b in parts], transition) for r in roles}
-    firsts = np.cumsum([0, *(b - a for _, a, b in parts)])[:-1]
-    found = Signals(head.sample_time, channels, np.concatenate([s.output[a:b] for s, a, b in parts]), "stretches",
-                    (0.0, 1.0), stretches=tuple(
-                        SignalStretch(int(at), span, _cut(s, a) if a else None)
-                        for at, span, (s, a, _) in zip(firsts, spans, parts, strict=True)))
-    return replace(found, peers=(found,))
-
-
-def _concatenated(pieces: Sequence[np.ndarray], transition: int) -> np.ndarray:
-    """Values one after the other; the first of each replaced by a cubic transition from the ones before."""
-    out, at = np.concatenate(pieces), 0
-    ease = np.linspace(0.0, 1.0, transition + 1)[:-1]
-    ease = ease**2 * (3 - 2 * ease)
-    for before, piece in pairwise(pieces):
-        at += before.size
-        n = min(transition, piece.size - 1)
-        out[at: at + n] = before[-1] + ease[:n] * (piece[n] - before[-1])
-    return out
-
-
-def _cut(s: Signals, last: int) -> Signals:
-    return Signals(s.sample_time, {r: c[:last] for r, c in s.channels.items()}, s.output[:last], s.name)
+    return cut_together([(s, 0, s.n_samples) for s in signals], [s.span or (0.0, 1.0) for s in signals], transition)
 
 
 def _most_active(s: Signals, count: int, size: int) -> list[int]:

@@ -9,6 +9,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from lpvid._stationary import toeplitz_basis, variance_components
+from lpvid.baselines.repeats import repeats
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.evidence.effective_samples import kappa_of
 from lpvid.rounding import EXPLODED
@@ -22,7 +23,7 @@ AR1 = POLE ** np.arange(SIZE)
 
 def slow() -> Whitening:
     noise, basis = toeplitz_basis(AR1)
-    return Whitening(float(noise.mean()), noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
+    return Whitening(float(noise.mean()), noise, noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
 
 
 def runs(count: int, rng: np.random.Generator, misfit: float = 0.0) -> tuple[list[Signals], list[np.ndarray]]:
@@ -32,10 +33,15 @@ def runs(count: int, rng: np.random.Generator, misfit: float = 0.0) -> tuple[lis
     return found, [misfit * np.sin(5 * u) + coloured(u.size, rng, u) for _ in range(count)]
 
 
+def noise_of(signals: list[Signals], errors: list[np.ndarray], output: np.ndarray, size: int = SIZE, start: int = 0
+             ) -> Whitening | None:
+    return whitening_of(repeats(signals, ["u"]), errors, output, size, start)
+
+
 def test_white_noise_and_a_white_misfit_count_as_without_weights(rng: np.random.Generator) -> None:
     """κ is that of p = 1/5 for noise of variance 4 and a misfit of variance 1; all weights are one."""
     noise, basis = toeplitz_basis(4.0 * np.eye(1, SIZE)[0])
-    flat = Whitening(float(noise.mean()), noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
+    flat = Whitening(float(noise.mean()), noise, noise, np.zeros(SIZE), np.ones((1, SIZE)), basis, np.ones(SIZE))
     found = flat.beside(np.sqrt(5.0) * rng.standard_normal(SIZE * 4000), ALPHA)
     np.testing.assert_allclose(found.root_weight, 1.0, rtol=1e-9)
     assert found.misfit == pytest.approx(1.0, rel=0.1)
@@ -47,13 +53,36 @@ def test_white_noise_and_a_white_misfit_count_as_without_weights(rng: np.random.
 def test_least_squares_of_weighed_values_are_generalised_least_squares(rng: np.random.Generator) -> None:
     """Aitken (1935), by the inverse covariance of a block; without misfit every sample is worth one."""
     found = slow().beside(coloured(SIZE * BLOCKS, rng, np.ones(1)) * 0.9, ALPHA)
-    assert np.allclose(found.misfit, 0.0, atol=1e-3) and found.independent_share(SIZE * BLOCKS, ALPHA) > 0.9
-    exact = slow()
-    exact = Whitening(1.0, exact.noise, exact.misfit, exact.shapes, exact.basis, 1 / np.sqrt(exact.noise))
+    assert np.allclose(found.misfit, 0.0, atol=1e-9) and found.independent_share(SIZE * BLOCKS, ALPHA) > 0.9
     columns, y = rng.standard_normal((SIZE * BLOCKS, 3)), rng.standard_normal(SIZE * BLOCKS)
-    ours = np.linalg.lstsq(exact.weighed(columns), exact.weighed(y), rcond=None)[0]
+    ours = np.linalg.lstsq(found.weighed(columns), found.weighed(y), rcond=None)[0]
     inverse = np.kron(np.eye(BLOCKS), np.linalg.inv(toeplitz(AR1)))
     np.testing.assert_allclose(ours, np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse @ y), rtol=1e-8)
+
+
+def test_a_precision_is_that_of_noise_and_of_a_misfit_worth_few_samples(rng: np.random.Generator) -> None:
+    """Noise of variances 1 and 4 beside a white misfit of 2: p = 1/(λ + 2 N/α), as ratios of the weights."""
+    noise = np.repeat([1.0, 4.0], SIZE // 2)
+    known = Whitening(2.5, noise, noise, np.zeros(SIZE), np.ones((1, SIZE)), np.eye(SIZE), np.ones(SIZE))
+    error = np.sqrt(noise + 2.0) * rng.standard_normal((4000, SIZE))
+    error *= np.sqrt((noise + 2.0) / np.mean(error**2, axis=0))
+    found = known.beside(error.ravel(), 80.0 * SIZE)  # N/α = 50
+    np.testing.assert_allclose(found.misfit, 2.0, rtol=1e-4)
+    assert (found.root_weight[0] / found.root_weight[-1]) ** 2 == pytest.approx((4 + 100) / (1 + 100), rel=1e-4)
+    assert found.independent_share(4000 * SIZE, 80.0 * SIZE) == pytest.approx(
+        np.mean((noise + 2) / (noise + 100)), rel=1e-4)
+
+
+def test_what_a_simulation_starts_with_is_no_noise(rng: np.random.Generator) -> None:
+    """A transient at the head of the first half of a periodic record only."""
+    u = np.tile(drive(SIZE * 25, rng), 2)
+    signals, error = [Signals(PERIOD, {"u": u}, u, "run")], rng.standard_normal(u.size)
+    starting = error + 50 * (np.arange(u.size) < 30)
+    plain, left_out, counted = (noise_of(signals, [e], u, start=start)
+                                for e, start in ((error, 30), (starting, 30), (starting, 0)))
+    assert plain is not None and left_out is not None and counted is not None
+    np.testing.assert_allclose(left_out.noise, plain.noise)
+    assert counted.variance > 5 * plain.variance
 
 
 def test_weights_are_taken_back(rng: np.random.Generator) -> None:
@@ -67,39 +96,40 @@ def test_the_noise_is_what_does_not_repeat(rng: np.random.Generator) -> None:
     """Whatever repeats: a misfit of three times the noise changes nothing. The spectrum is that of an AR(1)."""
     signals, errors = runs(3, rng)
     output = signals[0].output - signals[0].output.mean()
-    found = whitening_of(signals, errors, ["u"], output, SIZE)
+    found = noise_of(signals, errors, output)
     assert found is not None
     repeated = 3.0 * np.sin(5 * signals[0]["u"])
-    again = whitening_of(signals, [e + repeated for e in errors], ["u"], output, SIZE)
+    again = noise_of(signals, [e + repeated for e in errors], output, SIZE)
     assert again is not None
     np.testing.assert_allclose(again.noise, found.noise, rtol=1e-6)
     true = np.linalg.eigvalsh(toeplitz(AR1))
     assert found.noise.mean() == pytest.approx(1.0, rel=0.25)
-    np.testing.assert_allclose(np.log(found.noise), np.log(true), atol=1.0)
+    np.testing.assert_allclose(np.log(found.within), np.log(true), atol=0.7)
 
 
 def test_nothing_is_weighed_where_nothing_repeats(rng: np.random.Generator) -> None:
     signals, errors = runs(2, rng)
     output = signals[0].output
     other = Signals(PERIOD, {"u": drive(SIZE * BLOCKS, rng)}, output, "other")
-    assert whitening_of([signals[0], other], errors, ["u"], output, SIZE) is None
-    assert whitening_of(signals, [np.full(output.size, EXPLODED), errors[1]], ["u"], output, SIZE) is None
-    assert whitening_of(signals, [errors[0], errors[0]], ["u"], output, SIZE) is None
-    assert whitening_of(signals, errors, ["u"], output, output.size) is None
+    assert noise_of([signals[0], other], errors, output, SIZE) is None
+    assert noise_of(signals, [np.full(output.size, EXPLODED), errors[1]], output, SIZE) is None
+    assert noise_of(signals, [errors[0], errors[0]], output, SIZE) is None
+    assert noise_of(signals, errors, output, output.size) is None
 
 
 def test_a_misfit_counts_as_few_samples_where_it_is(rng: np.random.Generator) -> None:
     """Like the output, at low frequencies: above them the noise alone decides, and errors there count."""
     signals, errors = runs(2, rng, misfit=0.0)
     output = 4.0 * (signals[0].output - signals[0].output.mean())
-    found = whitening_of(signals, errors, ["u"], output, SIZE)
+    found = noise_of(signals, errors, output)
     assert found is not None
     noisy = found.beside(errors[0], ALPHA)
     misfitting = found.beside(errors[0] + output, ALPHA)
     assert misfitting.misfit.mean() > 5 * noisy.misfit.mean()
     assert misfitting.independent_share(output.size, ALPHA) < 0.5 * noisy.independent_share(output.size, ALPHA)
-    slowest = found.noise.argmax()
-    assert misfitting.root_weight[slowest] / misfitting.root_weight.max() < 0.1
+    slow, fast = found.noise.argmax(), found.noise.argmin()
+    assert misfitting.root_weight[slow] / misfitting.root_weight[fast] < \
+        0.7 * noisy.root_weight[slow] / noisy.root_weight[fast]
 
 
 def test_variances_are_those_that_were_drawn(rng: np.random.Generator) -> None:
@@ -123,7 +153,7 @@ def test_noise_slower_than_a_block_is_worth_few_of_them(rng: np.random.Generator
         steps = rng.standard_normal(n + 4000) * np.sqrt(1 - pole**2)
         return np.asarray(lfilter([1.0], [1.0, -pole], steps))[4000:]
 
-    found = whitening_of(signals, [slow_noise() for _ in signals], ["u"], u, SIZE)
+    found = noise_of(signals, [slow_noise() for _ in signals], u)
     assert found is not None
     flat = np.ones(SIZE) / np.sqrt(SIZE)
     of_mean = float((found.basis.T @ flat) ** 2 @ found.noise)
