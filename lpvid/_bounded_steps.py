@@ -1,4 +1,7 @@
-"""Steps of a bounded Levenberg-Marquardt descent, and updates of its Jacobian."""
+"""Steps of a bounded Levenberg-Marquardt descent by normal equations, for Jacobians too tall to factor at each step.
+
+`lpvid.least_squares.bounded_step` has the triangular factor instead.
+"""
 
 from __future__ import annotations
 

@@ -29,7 +29,8 @@ class DiagnosisProblem:
     signals : tuple of Signals
     blocks : Blocks
     whitening : Whitening, optional
-        Weights of the errors, where repeats give the spectrum of the noise.
+        Weights of the errors, where repeats give the spectrum of the noise. `errors` and `stack` have none; stacked
+        errors, refits and what is computed of these are weighed.
     """
 
     signals: tuple[Signals, ...]

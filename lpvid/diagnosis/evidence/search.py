@@ -123,7 +123,7 @@ class SetSearch(VisitedSets):
         """A search that has visited the same sets, its errors weighed by the noise that repeats show.
 
         The misfit beside the noise is that of the best set. Errors are weighed where slow noise is the larger part of
-        what counts as misfit otherwise. Of a misfit alone the spectrum says little: its weights would be arbitrary.
+        what counts as misfit otherwise, and where errors do not count as noise already.
 
         Returns
         -------
