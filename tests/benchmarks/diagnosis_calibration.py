@@ -44,6 +44,7 @@ from rows import append, read
 
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.evidence.calibration import Support
+from lpvid.rounding import EPS
 from quartercar.effects import CATALOGUE
 
 LISTED = 0.05
@@ -271,25 +272,26 @@ def by_chance(p: np.ndarray, draws: int = 200) -> float:
     return float(np.mean([reliability(p, (rng.random(p.size) < p).astype(float))[1] for _ in range(draws)]))
 
 
-def fitted(found: Sequence[Claim]) -> float:
-    """Slope of the map of maximum likelihood (logistic regression; Platt 1999)."""
-    from scipy.optimize import minimize_scalar
+def fitted(found: Sequence[Claim]) -> tuple[float, float]:
+    """Slope and limit of the map of maximum likelihood (logistic regression with a limit; Platt 1999)."""
+    from scipy.optimize import minimize
 
     compressed = np.array([c.support.compressed for c in found])
     there = np.array([float(c.there) for c in found])
     rigs = [c.rig for c in found]
     share = np.array([len(found) / (len(set(rigs)) * rigs.count(r)) for r in rigs])  # sources have equal weight
 
-    def loss(slope: float) -> float:
-        z = slope * compressed
-        return float(share @ (np.logaddexp(0.0, z) - there * z))
+    def loss(x: np.ndarray) -> float:
+        p = np.clip(x[1] / (1 + np.exp(-x[0] * compressed)), EPS, 1 - EPS)
+        return -float(share @ (there * np.log(p) + (1 - there) * np.log(1 - p)))
 
-    return float(np.asarray(minimize_scalar(loss, bounds=(0.0, STEEPEST), method="bounded").x))
+    best = minimize(loss, [1.0, 0.9], bounds=[(0.0, STEEPEST), (0.5, 1.0)]).x
+    return float(best[0]), float(best[1])
 
 
-def by_map(found: Sequence[Claim], slope: float) -> np.ndarray:
+def by_map(found: Sequence[Claim], slope: float, limit: float) -> np.ndarray:
     """Probabilities of claims by a map."""
-    return 1 / (1 + np.exp(-slope * np.array([c.support.compressed for c in found])))
+    return limit / (1 + np.exp(-slope * np.array([c.support.compressed for c in found])))
 
 
 def halves(found: Sequence[Claim]) -> tuple[list[Claim], list[Claim]]:
@@ -307,7 +309,7 @@ def left_out(found: Sequence[Claim]) -> np.ndarray:
     for k in range(TENTHS):
         chosen = [c for c, t in zip(found, tenth, strict=True) if t == k]
         if chosen:
-            p[tenth == k] = by_map(chosen, fitted([c for c, t in zip(found, tenth, strict=True) if t != k]))
+            p[tenth == k] = by_map(chosen, *fitted([c for c, t in zip(found, tenth, strict=True) if t != k]))
     return p
 
 
@@ -317,11 +319,11 @@ def table(found_cases: Sequence[Case]) -> str:
     found = [c for case in found_cases for c in case.claims]
     even, odd = halves(found)
     lines = [f"{len(found_cases)} cases, {len(found)} components",
-             f"slope of all: {fitted(found):.2f}",
-             f"slope of the even cases: {fitted(even):.2f}"]
+             "slope and limit of all: {:.2f}, {:.3f}".format(*fitted(found)),
+             "slope and limit of the even cases: {:.2f}, {:.3f}".format(*fitted(even))]
     kinds = (("weights", found, np.array([c.support.weight for c in found])),
              ("as given", found, np.array([c.support.probability for c in found])),
-             ("tenths left out", found, left_out(found)), ("odd by even", odd, by_map(odd, fitted(even))))
+             ("tenths left out", found, left_out(found)), ("odd by even", odd, by_map(odd, *fitted(even))))
     for label, part, p in kinds:
         for rig in ("all", "foreign", "own", "measured"):
             pick = np.array([rig in ("all", c.rig) for c in part])

@@ -11,11 +11,12 @@ from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
 
-SLOPE = 1.5
-"""b of the map ln p/(1 − p) = ± b ln(1 + |l|) from the logarithm l of the odds by weight, ± its sign, by logistic
-regression (Platt 1999) on cases of both rigs and measured records, each source counted alike.
-`tests/benchmarks/diagnosis_calibration.py tests/benchmarks/claims --table` computes it anew; docs/diagnosis_boards.md
-has its validation"""
+SLOPE, LIMIT = 1.64, 0.954
+"""b and c of the map p = c/(1 + exp(∓ b ln(1 + |l|))) from the logarithm l of the odds by weight, ∓ against its sign:
+logistic regression (Platt 1999) with a limit, on cases of both rigs and measured records, each source counted alike.
+One cause in twenty is absent whatever its weight: what is there is not among the sets, or a law errs as the cause does.
+`tests/benchmarks/diagnosis_calibration.py tests/benchmarks/claims --table` computes both anew; docs/diagnosis_boards.md
+has their validation"""
 Matcher = Callable[[EvaluatedSet], Effect | None]
 """From a set to its effect that matches; None where none does."""
 
@@ -61,16 +62,16 @@ class Support:
 
     @property
     def probability(self) -> float:
-        """Calibrated probability that it is present: 1/(1 + exp(−b c)) of `compressed` c, b the `SLOPE`.
+        """Calibrated probability that it is present, `LIMIT`/(1 + exp(−`SLOPE` · `compressed`)).
 
         Examples
         --------
-        >>> Support(0.5, 0.5).probability
-        0.5
-        >>> 0.85 < Support(0.95, 0.05).probability < 0.95 < Support(1 - 1e-9, 1e-9).probability < 1 - 1e-3
+        >>> Support(0.5, 0.5).probability == LIMIT / 2
+        True
+        >>> 0.85 < Support(0.95, 0.05).probability < 0.94 < Support(1 - 1e-9, 1e-9).probability < LIMIT
         True
         """
-        return float(1 / (1 + np.exp(-SLOPE * self.compressed))) if self.weight > 0 else 0.0
+        return float(LIMIT / (1 + np.exp(-SLOPE * self.compressed))) if self.weight > 0 else 0.0
 
 
 def match_component(component: str) -> Matcher:

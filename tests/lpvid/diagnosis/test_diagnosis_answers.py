@@ -13,7 +13,7 @@ from helpers.toy_diagnosis import CAUSES, NOISES, Added, Bent, Cubic, Dry, DryTw
 from lpvid.baselines.baseline import Coefficient
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import Blocks
-from lpvid.diagnosis.evidence.calibration import SLOPE, component_support
+from lpvid.diagnosis.evidence.calibration import LIMIT, SLOPE, component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
@@ -141,7 +141,7 @@ def test_support_of_a_component_is_the_weight_of_the_sets_that_hold_it_in_any_fo
     assert dry.weight == pytest.approx(sum(p for w, p in sets if w.members & {"dry", "dry-form"}))
     assert dry.weight + dry.against == pytest.approx(1.0)
     z = SLOPE * np.log1p(np.log(dry.weight / dry.against))
-    assert dry.probability == pytest.approx(1 / (1 + np.exp(-z)))
+    assert dry.probability == pytest.approx(LIMIT / (1 + np.exp(-z)))
 
 
 class Fast(Bent):
