@@ -67,9 +67,8 @@ class EffectiveSamples:
         -------
         float
         """
-        if self.whitening is not None:
-            return self.whitening.independent_share(self.samples, alpha)
-        return kappa_of(self.structured, self.samples, alpha)
+        return self.whitening.independent_share(self.samples, alpha) if self.whitening else \
+            kappa_of(self.structured, self.samples, alpha)
 
 
 def kappa_of(structured: float, samples: int, alpha: float) -> float:

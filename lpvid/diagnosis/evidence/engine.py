@@ -87,8 +87,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
                 report_progress("searching with the errors weighed by the noise that the repeats show")
                 search = weighed
                 search.run(refit(search.problem, Composition(baseline), search.root.fit.vector, rough=True))
-                search = search.reweighed() or search  # beside the misfit of another set
-                search.settle()
+                (search := search.reweighed() or search).settle()  # beside the misfit of another set
             found = concluded(search, records, baseline, held_out, unusable, settings.seed, report_progress)
         except KeyboardInterrupt as stop:
             if not search.visited:

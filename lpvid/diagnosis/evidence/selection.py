@@ -417,28 +417,30 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
     SelectedSet
         Its probabilities, gains, shares and relative error are still those of the search.
     """
-    weighs = search.problem.whitening is not None and problem.n_samples <= LONG  # a block of a long record is long too
+    weighs = selected.members and search.problem.whitening and problem.n_samples <= LONG  # long blocks take long
     weighed = search.weighed(problem, selected.fit, problem.signals) if weighs else problem
+    alone = (selected.root.composition.baseline if weighs else selected.root).vector  # by weights it is another law
 
-    def refitted(f: Refit) -> Refit:
-        found = refit(weighed, f.composition, f.vector, rough=True)
+    def refitted(f: Refit, start: np.ndarray, on: DiagnosisProblem) -> Refit:
+        found = refit(on, f.composition, start, rough=True)
         _ = found.jacobian  # with which the refits to both folds begin
         return found
 
     def of_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
         """On every processor, or one after the other along many samples: each takes the memory of a Jacobian."""
         if problem.n_samples <= LONG:
-            return search.in_parallel(function, items, (weighed,))
+            return search.in_parallel(function, items, (problem, weighed))
         results = []
         for item in items:
             results.append(function(item))
             problem.forget_simulations(collected=True)
         return results
 
-    root, fit = of_each(refitted, (selected.root, selected.fit))
-    halves = of_each(lambda item: errors_on_other_fold(weighed, *item), [(f, k) for f in (fit, root) for k in (0, 1)])
-    after, before = (weighed.unweighed(join_folds(weighed, half)) for half in (halves[:2], halves[2:]))
-    root, fit = root.on(problem), fit.on(problem)
+    fits = ((selected.root, alone, problem), (selected.fit, selected.fit.vector, weighed))
+    root, fit = of_each(lambda i: refitted(*i), fits)
+    halves = of_each(lambda i: errors_on_other_fold(i[0].problem, *i), [(f, k) for f in (fit, root) for k in (0, 1)])
+    after, before = weighed.unweighed(join_folds(problem, halves[:2])), join_folds(problem, halves[2:])
+    fit = fit.on(problem)
     places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
     members = tuple(replace(m, values=fit.vector[places[m.effect.name]]) for m in selected.members)
     return replace(selected, problem=problem, root=root, fit=fit, before=before, after=after, members=members)

@@ -350,3 +350,17 @@ def test_a_size_in_slow_noise_has_the_interval_of_the_weights():
         runs = [record(rng, "ar1", 0.3, u=u, hidden=lambda x: 0.1 * np.sin(9 * x)) for _ in range(2)]
         size = diagnose(runs, Bent(), CAUSES).causes[0].parameters[0]
         assert size.std is not None and abs(size.value - 0.1) < 3 * size.std < 0.015
+
+
+def test_the_baseline_alone_is_judged_without_weights():
+    """Weights for the misfit of the best set make another law of it: its error is that of its own fit in time."""
+    rng = np.random.default_rng(3)
+    u = drive(3000, rng)
+    runs = [record(rng, "ar1", 0.3, u=u, hidden=lambda x: 0.2 * np.sin(9 * x)) for _ in range(2)]
+    fitted = Bent().fit(runs)
+    problem = problem_of(*runs)[0]
+    error = problem.stack([s.output - fitted.core(fitted.vector)(s) for s in problem.signals])
+    found = diagnose(runs, Bent(), CAUSES)
+    assert found.noise["weighed"]
+    assert found.before.esr_training == pytest.approx(np.mean(error**2) / problem.spread**2, rel=0.01)
+    assert found.after.esr_held_out < found.before.esr_held_out
