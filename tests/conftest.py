@@ -49,7 +49,7 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.set_threshold(*GENERATIONS)
     _share_processors()
     _build_commands_once()
-    os.environ.get("NOX") or config.pluginmanager.register(_OfExamplesOnly())
+    config.pluginmanager.register(_OfExamplesOnly())
     if _is_from_the_end(config):
         config.pluginmanager.register(_FromTheEnd())
 

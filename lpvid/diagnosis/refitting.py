@@ -353,7 +353,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
             if age == 0 and now.cost - there[0].cost < DECREASE_RATIO * share * predicted:
                 deviation = now.errors - there[0].errors - share * (jacobian @ step)
                 correction = geodesic_correction(jacobian, deviation / share**2, step, weights, now.vector, damping,
-                                                  low, high)
+                                                 low, high)
                 corrected = there if correction is None else at(now.vector + step + correction)
                 there = corrected if corrected[0].cost < there[0].cost else there
             if now.cost - there[0].cost > (DECREASE_RATIO * predicted if age else 0.0):

@@ -75,19 +75,6 @@ class Whitening:
         """
         return self._scaled(stacked, 1 / self.root_weight)
 
-    def squares(self, stacked: np.ndarray) -> np.ndarray:
-        """(n,) mean square along every eigenvector of values as they are in time.
-
-        Parameters
-        ----------
-        stacked : (N,) array
-
-        Returns
-        -------
-        (n,) array
-        """
-        return _squares(stacked, self.basis)
-
     def beside(self, error: np.ndarray, alpha: float | None = None) -> Whitening:
         """The same noise beside the misfit of a model, at its most probable variances.
 
@@ -102,7 +89,7 @@ class Whitening:
         -------
         Whitening
         """
-        misfit = variance_components(self.squares(error), self.within, self.shapes) @ self.shapes
+        misfit = variance_components(_squares(error, self.basis), self.within, self.shapes) @ self.shapes
         if alpha is None:
             return replace(self, misfit=misfit)
         precision = 1 / (self.noise + misfit * error.size / alpha)
@@ -134,6 +121,7 @@ class Whitening:
 
 
 def _squares(stacked: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """(n,) mean square along every eigenvector of values as they are in time, over all blocks."""
     return np.mean((stacked.reshape(-1, len(basis)) @ basis) ** 2, axis=0)
 
 

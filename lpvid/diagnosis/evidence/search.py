@@ -133,7 +133,7 @@ class SetSearch(VisitedSets):
         best, problem, floor = self.best, self.problem, self.effective.floor
         if not self.repeated or best.members == self.weighed_for:
             return None
-        weighed = self.weighed(problem, best.fit, self.recorded)
+        weighed = self.with_weights(problem, best.fit, self.recorded)
         self.noise = weighed.whitening
         if self.noise is None or (problem.whitening is None and (
                 self.kappa > 0.5 or 2 * (self.noise.variance - floor) < best.mean_square - floor)):
@@ -153,7 +153,7 @@ class SetSearch(VisitedSets):
         found.update_kappa()
         return found
 
-    def weighed(self, problem: DiagnosisProblem, fit: Refit, signals: tuple[Signals, ...]) -> DiagnosisProblem:
+    def with_weights(self, problem: DiagnosisProblem, fit: Refit, signals: tuple[Signals, ...]) -> DiagnosisProblem:
         """A problem with its errors weighed by the noise that repeats show beside a fit, and by the misfit of that.
 
         Parameters

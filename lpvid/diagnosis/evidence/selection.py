@@ -418,7 +418,7 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
         Its probabilities, gains, shares and relative error are still those of the search.
     """
     weighs = selected.members and search.problem.whitening and problem.n_samples <= LONG  # long blocks take long
-    weighed = search.weighed(problem, selected.fit, problem.signals) if weighs else problem
+    weighed = search.with_weights(problem, selected.fit, problem.signals) if weighs else problem
     alone = (selected.root.composition.baseline if weighs else selected.root).vector  # by weights it is another law
 
     def refitted(f: Refit, start: np.ndarray, on: DiagnosisProblem) -> Refit:
