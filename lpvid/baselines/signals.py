@@ -433,3 +433,16 @@ class Remembered:
             return out
 
         return s.remembered("simulations", self.key, run, REMEMBERED)
+
+    def kept(self, s: Signals) -> bool:
+        """Whether the simulation along signals is kept, so that these will be met again.
+
+        Parameters
+        ----------
+        s : Signals
+
+        Returns
+        -------
+        bool
+        """
+        return self.key in s.cache.get("simulations", ())

@@ -205,7 +205,7 @@ class Composition:
         """Number of the effects up to those in series with the law."""
         return sum(e.stage in CARRIED for e in self.effects)
 
-    def _base(self, vector: np.ndarray) -> Core:
+    def _base(self, vector: np.ndarray) -> Remembered:
         own = vector[: self.own]
         return Remembered(self.baseline.core(own), (self.baseline, (), own.tobytes()))
 
@@ -345,14 +345,15 @@ class Composition:
         return {}
 
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
-        """The baseline with one parameter moved: along its derivative on these signals, run anew on any others."""
+        """The baseline with one parameter moved: along its derivative on these signals and on those made of them that
+        are kept, run anew on any others."""
         own = vector[: self.own]
-        core = Remembered(lambda s: self.baseline.core(own)(s), (self.baseline, (), own.tobytes()))
+        core = self._base(vector)
         slopes = Remembered(lambda s: np.asfortranarray(self.baseline.sensitivities(s, own)),
                             (self.baseline, "sensitivities", own.tobytes()))
 
         def run(s: Signals) -> np.ndarray:
-            if s is not signals:
+            if s is not signals and not core.kept(s):
                 return self.baseline.core(moved[: self.own])(s)
             return core(s) + (moved[j] - vector[j]) * slopes(s)[:, j]
 

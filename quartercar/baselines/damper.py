@@ -50,6 +50,7 @@ class DamperBaseline(Baseline):
     output_unit: str = field(default="N", init=False)
     static: bool = field(init=False)
     adaptive: bool = field(init=False)
+    forward: bool = field(init=False)
     polarity: int = field(init=False)
     schedule: tuple[str, ...] = field(init=False)
     apart: tuple[str, ...] = field(init=False)
@@ -61,6 +62,7 @@ class DamperBaseline(Baseline):
         object.__setattr__(self, "static", linear or isinstance(self.damper, StaticDamper))
         object.__setattr__(self, "adaptive", isinstance(self.damper, LagDamper))
         object.__setattr__(self, "apart", ("mass",) if linear else ())
+        object.__setattr__(self, "forward", self.damper.forward)
         object.__setattr__(self, "polarity", self.damper.polarity)
         object.__setattr__(self, "schedule", tuple(r for r in ("current",) if r in self.damper.reads))
 

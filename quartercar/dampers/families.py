@@ -56,6 +56,8 @@ class LawDamper(Damper):
     clock: ClassVar[float | None] = None
     real_runs: ClassVar[bool] = False
     """whether differences of runs take the place of complex steps in linear parameters: a real run costs less"""
+    forward: ClassVar[bool] = False
+    """whether all columns of `jacobian` are carried along one run, which takes less time than one more run for each"""
     of_typical_size: ClassVar[bool] = False
     """whether its parameters state what a damper of `quartercar.dampers.sizes.TYPICAL` sizes has, to be carried over to
     the sizes of the data"""

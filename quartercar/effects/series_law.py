@@ -165,7 +165,9 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
     """
     v, speeds = s["velocity"], _nodes_of(s)
     change = SLOW * (float(np.sqrt(np.mean(v**2))) or 1.0)
-    slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
+    faster, slower = (s.along_others("a little faster", c, lambda c=c: s.evaluated(velocity=v + c), core)
+                      for c in (change, -change))
+    slope = (faster - slower) / (2 * change)
     least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), TINY)
     slope = np.maximum(slope, max(least, EPS))
     rows = np.column_stack([rigid - slope * v, slope])

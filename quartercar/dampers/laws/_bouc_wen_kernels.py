@@ -12,7 +12,7 @@ from quartercar.dampers.stepper import FINE, GAMMA, RATIO, Move
 ITERATIONS = 40
 """most Newton or bisection steps of one stage; three or four are usual"""
 CLOSE = 1e-8
-"""relative Newton step after which one further step ends the stage, at round-off in the real and the imaginary part"""
+"""relative Newton step that ends the stage, at round-off; an imaginary part is one step behind and takes one more"""
 
 
 @njit()
@@ -120,6 +120,8 @@ def _stage(y, z, x, v, ah, c0, k0, c1, alpha, beta, gamma, delta, n):
             continue
         root = root - step
         done = abs(step.real) <= CLOSE * scale
+        if done and step.imag == 0.0:
+            break
     return p - q * root, root
 
 

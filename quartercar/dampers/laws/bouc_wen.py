@@ -104,6 +104,7 @@ class BoucWen(DynamicDamper):
     """
 
     of_typical_size: ClassVar[bool] = True
+    forward: ClassVar[bool] = True
     name: ClassVar[str] = "bouc-wen"
     title: ClassVar[str] = "Modified Bouc-Wen"
     source: ClassVar[str] = "Spencer et al. 1997; source 004, equation (2.2)"

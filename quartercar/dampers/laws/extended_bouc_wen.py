@@ -82,6 +82,7 @@ class ExtendedBoucWen(SemiActiveDamper):
     linear: ClassVar[tuple[str, ...]] = ()
     """the gas spring is, but projecting off two of so many costs more than it saves"""
     start: ClassVar[int] = 1
+    forward: ClassVar[bool] = True
 
     def check_settings(self) -> None:
         checks.positive(self.exponent - 0.999, "exponent of the Bouc-Wen law, from 1")
