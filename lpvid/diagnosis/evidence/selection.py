@@ -232,7 +232,7 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
     for w in _better_predicting(search, fits, sets, best):
         ablations, unhelpful = _ablated(search, fits, w)
         other = None if unhelpful else _assessed(search, fits, sets, best, w, ablations, dropped)
-        if other is not None and _names_preserved(_named(other), _named(found)) and _all_notable(other):
+        if other is not None and _names_preserved(_named(other), _named(found)) and not _too_little(other):
             return _named_alike(other, found)
     return found
 
@@ -242,13 +242,13 @@ def _named_alike(other: SelectedSet, found: SelectedSet) -> SelectedSet:
     names = {m.effect.component: m.name for m in found.members if not m.effect.flexible}
     members = [m if m.effect.flexible else replace(m, name=names.get(m.effect.component, m.name))
                for m in other.members]
-    return replace(other, members=tuple(members))
+    return replace(other, members=tuple(named_once(members, other.sets)))
 
 
 def _ablated(search: SetSearch, fits: dict[frozenset[str], Refit], w: EvaluatedSet) -> tuple[list[Refit], set[str]]:
     """Refits of a set without each of its members, and the members without which its error out of fold is no higher."""
     fit = fits[w.members] = fits.get(w.members) or _refitted(search, w.fit.composition, w.fit, search.in_parallel)
-    without = [_without(fit.composition, e) for e in w.effects]
+    without = [Composition(fit.composition.baseline, tuple(e for e in w.effects if e is not one)) for one in w.effects]
     _cross_validate(search, fits, fit, (fit.composition, *without, search.root.fit.composition))
     after, ablations = folds_of(search.problem, fit), [fits[c.members] for c in without]
     return ablations, {e.name for e, ablation in zip(w.effects, ablations, strict=True)
@@ -263,21 +263,40 @@ def _assessed(search: SetSearch, fits: dict[frozenset[str], Refit], sets: list[t
     after = folds_of(problem, fit)
     members = [_member(search, sets, best, w, fit, after, e, r) for e, r in zip(w.effects, ablations, strict=True)]
     members.sort(key=lambda m: -m.change)
-    for k, m in enumerate(members):  # a component is named once, by the form that changes most
-        if m.name != m.effect.name and m.name in {other.name for other in members[:k]}:
-            form = Support.of(sets, match_form(m.effect))
-            members[k] = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
-    names = {m.effect.name for m in members}
+    members = named_once(members, sets)
     relative_error = search.relative_rms(problem.unweighed(after))
     share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
     selected = SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
-                           relative_error, share, tuple((n, why) for n, why in dropped.items() if n not in names), sets)
-    little = [m for m in members if m.change < least_change(relative_error, selected.law_error)]
+                           relative_error, share, tuple(t for t in dropped.items() if t[0] not in w.members), sets)
+    little = _too_little(selected, selected.law_error)
     if len(little) < 2:
         return selected
     alone = _changes_alone(search, fits, fit, [m.effect for m in little])
     members = [replace(m, change=max(m.change, alone.get(m.effect.name, 0.0))) for m in members]
     return replace(selected, members=tuple(sorted(members, key=lambda m: -m.change)))
+
+
+def named_once(members: list[SetMember], sets: list[tuple[EvaluatedSet, float]]) -> list[SetMember]:
+    """Members whose names differ: a component's name is that of its own effect, or else of the form that changes most.
+
+    Parameters
+    ----------
+    members : list of SetMember
+        Largest change first.
+    sets : list of (EvaluatedSet, float)
+
+    Returns
+    -------
+    list of SetMember
+        The other forms under their own names, with the support of these.
+    """
+    taken, found = {m.effect.name for m in members}, []
+    for m in members:
+        if m.name != m.effect.name and m.name in taken:
+            form = Support.of(sets, match_form(m.effect))
+            m = replace(m, name=m.effect.name, probability=form.probability, weight=form.weight)
+        found, taken = [*found, m], {*taken, m.name}
+    return found
 
 
 def _changes_alone(search: SetSearch, fits: dict[frozenset[str], Refit], fit: Refit, effects: Sequence[Effect]
@@ -307,9 +326,9 @@ def _names_preserved(here: Mapping[str, float], most_probable: Mapping[str, floa
     return all(2 * here.get(name, 0.0) >= reduction for name, reduction in most_probable.items())
 
 
-def _all_notable(selected: SelectedSet) -> bool:
-    """Whether every member of a set changes enough to be named, the error of the law itself left aside."""
-    return all(m.change >= least_change(selected.relative_error, 0.0) for m in selected.members)
+def _too_little(selected: SelectedSet, law_error: float = 0.0) -> list[SetMember]:
+    """Members that change too little to be named; as a rule the error of the law itself is left aside."""
+    return [m for m in selected.members if m.change < least_change(selected.relative_error, law_error)]
 
 
 def _better_predicting(search: SetSearch, fits: dict[frozenset[str], Refit],
@@ -320,10 +339,8 @@ def _better_predicting(search: SetSearch, fits: dict[frozenset[str], Refit],
     the other's error. Of the most probable sets that hold all but `SIGNIFICANT` of the weight these have an error out
     of fold that is lower than that of the most probable set `best` by more than one standard error of the blocks'
     gains. A set whose error on the samples of its fit is above that cannot be one, and is not refitted; nor is one with
-    a special form that is not sure. There are none where `best` is the baseline alone.
+    a special form that is not sure.
     """
-    if not best.members:
-        return []
     problem, near = search.problem, fits[best.members]
     least = _out_of_fold_cost(problem, near)
     before, weights = np.cumsum([0.0, *(p for _, p in sets[:-1])]), _component_weights(sets)
@@ -461,10 +478,6 @@ def folds_of(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
         In the output's unit.
     """
     return fit.cached(OUT_OF_FOLD, lambda: out_of_fold(problem, fit))
-
-
-def _without(composition: Composition, effect: Effect) -> Composition:
-    return Composition(composition.baseline, tuple(e for e in composition.effects if e is not effect))
 
 
 def _gains(problem: DiagnosisProblem, before: Refit, after: np.ndarray) -> np.ndarray:

@@ -167,22 +167,44 @@ def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_
     assert selection._names_preserved(here, {"friction": 3.0}) is kept
 
 
-def test_names_come_from_the_weights_and_places_from_the_set_to_report():
-    @dataclass(frozen=True)
-    class Part:
-        effect: SimpleNamespace
-        name: str
+@dataclass(frozen=True)
+class Part:
+    """What names need of a member."""
 
+    effect: SimpleNamespace
+    name: str
+    probability: float = 0.9
+    weight: float = 0.9
+
+
+def part(name: str, component: str, flexible: bool = False, given: str = "") -> Part:
+    return Part(SimpleNamespace(name=name, component=component, flexible=flexible), given or name)
+
+
+def test_names_come_from_the_weights_and_places_from_the_set_to_report():
     @dataclass(frozen=True)
     class Chosen:
         members: tuple
-
-    def part(name, component, flexible=False):
-        return Part(SimpleNamespace(component=component, flexible=flexible), name)
+        sets: tuple = ()
 
     found = Chosen((part("friction", "friction"),))
     other = Chosen((part("inner-friction", "friction"), part("hysteresis", "friction", True), part("spring", "spring")))
     assert [m.name for m in selection._named_alike(other, found).members] == ["friction", "hysteresis", "spring"]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_air_beside_a_spring_is_not_named_as_that_spring(order):
+    """Air is named as a spring in series where its form is not sure; beside one, both had the same name."""
+    members = [part("air", "air", given="spring"), part("spring", "spring")][::order]
+    air = SimpleNamespace(effects=(members[0 if order > 0 else 1].effect,))
+    found = selection.named_once(members, [(air, 0.4), (SimpleNamespace(effects=()), 0.6)])
+    assert {m.effect.name: m.name for m in found} == {"air": "air", "spring": "spring"}
+    assert {m.effect.name: m.weight for m in found} == {"air": 0.4, "spring": 0.9}
+
+
+def test_of_two_forms_of_a_component_that_is_not_there_itself_the_larger_has_its_name():
+    members = [part("air", "air", given="spring"), part("bush", "bush", given="spring")]
+    assert [m.name for m in selection.named_once(members, [(SimpleNamespace(effects=()), 1.0)])] == ["spring", "bush"]
 
 
 @pytest.mark.parametrize(("effect", "component", "name", "key"), [
