@@ -101,14 +101,12 @@ def _fewer(chosen: Law, best: Law, count: float) -> str:
     if chosen is best:
         return ""
     more = best.baseline.vector.size - chosen.baseline.vector.size
-    gain = gain_percent(chosen.error, best.error)
     words = "1 parameter" if more == 1 else f"{more} parameters"
-    return (f". {best.baseline.name} has {gain:.2g} % less error with {words} more: too little, with about "
+    return (f". {best.baseline.name} has {gain_percent(chosen.error, best.error):.2g} % less error with {words} more: too little, with about "
             f"{count:.0f} independent samples in the error")
 
 
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:
     problem = problem_of(records, baseline)
     fit = refit(problem, Composition(baseline), baseline.vector, iterations=0)  # its errors as fitted, no second fit
-    error = float(np.mean(out_of_fold(problem, fit) ** 2))
-    return Law(baseline, error)
+    return Law(baseline, float(np.mean(out_of_fold(problem, fit) ** 2)))

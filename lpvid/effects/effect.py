@@ -201,6 +201,9 @@ class Effect(ABC):
     the data show this form; "" where there is none"""
     contains: ClassVar[tuple[str, ...]] = ()
     """names of other components that its equation contains, so that it can replace them"""
+    comes_with: ClassVar[str] = ""
+    """name of an effect that it has itself, so that beside it this is as probable as not: where there is play there is
+    a contact, with its compliance; "" where there is none"""
     behind: ClassVar[str] = ""
     """stage without which it has no effect of its own: friction behind a spring needs something in series"""
     turns: ClassVar[str] = ""

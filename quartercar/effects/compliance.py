@@ -76,6 +76,7 @@ class Backlash(SeriesElement):
     experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"
     smooth: ClassVar[bool] = False
     partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "inner-friction", "series-compliance")
+    comes_with: ClassVar[str] = "series-compliance"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -15,7 +15,7 @@ from lpvid.diagnosis.evidence.priors import (
     SHAPE_FACTOR,
     determined_count,
     deviation_penalty,
-    inclusion_prior,
+    set_prior,
     shape_prior,
     strength_prior,
 )
@@ -199,7 +199,7 @@ class EvaluatedSet:
         law, integrated = effective & (np.arange(precision.size) < self.fit.composition.own), effective & integrated
         gaussian = 0.5 * np.log(2 * np.pi) * (integrated.sum() - law.sum())
         log_volume = gaussian - 0.5 * (_log_determinant(hessian, integrated) - _log_determinant(hessian, law))
-        evidence = m.likelihood + prior + log_volume + sum(inclusion_prior(e) for e in self.effects)
+        evidence = m.likelihood + prior + log_volume + set_prior(self.effects)
         return evidence if np.isfinite(evidence) else -np.inf  # sensitivities explode: the determinant is lost
 
     @cached_property
@@ -227,9 +227,7 @@ class EvaluatedSet:
                          ) -> tuple[float, float]:
         """Change of the output by one strength, and its slope, as shares of the output's rms."""
         slope = float(np.linalg.norm(self.data.problem.unweighed(self.fit.jacobian[:, j]))) / output_norm
-        if not alone:
-            return abs(distance) * slope, slope
-        return change, change / abs(distance) if distance else slope
+        return (change, change / abs(distance) if distance else slope) if alone else (abs(distance) * slope, slope)
 
 
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:

@@ -64,6 +64,26 @@ def inclusion_prior(effect: Effect) -> float:
     return -found if effect.visible else found
 
 
+def set_prior(effects: Sequence[Effect]) -> float:
+    """ln of the prior probability of a set over that of none: Σ ln π/(1 − π), `inclusion_prior`.
+
+    What another member has itself (`Effect.comes_with`) is there as often as not beside that: ½/(1 − π) takes the place
+    of its odds, and a set in which it is missing has the other half.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+
+    Returns
+    -------
+    float
+    """
+    names, odds = {e.name for e in effects}, np.log(COMPONENT_PROBABILITY / (1 - COMPONENT_PROBABILITY))
+    either = float(np.log(0.5 / (1 - COMPONENT_PROBABILITY)))
+    own = sum(either - float(odds) * (e.comes_with in names) for e in effects if e.comes_with)
+    return sum(map(inclusion_prior, effects)) + own
+
+
 def strength_prior(change: float, slope: float) -> tuple[float, float]:
     """Log-density of a strength, and its curvature, for one that changes the output by `change` of its rms.
 
@@ -122,9 +142,8 @@ def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tupl
         value = max(value, min(positive)) if zero_allowed else value
         deviation = float((np.log(value) - float(np.mean(np.log(positive)))) / width)
         return max(deviation, 0.0) if zero_allowed else deviation, (1 / (width * value)) ** 2
-    width = max(max((abs(g - p.neutral) for g in grid), default=0.0), *(
-        abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
-    width = width or 1.0
+    width = (max(max((abs(g - p.neutral) for g in grid), default=0.0), *(
+        abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)) or 1.0
     return (value - p.neutral) / width, 1 / width**2
 
 
