@@ -102,8 +102,8 @@ def _fewer(chosen: Law, best: Law, count: float) -> str:
         return ""
     more = best.baseline.vector.size - chosen.baseline.vector.size
     words = "1 parameter" if more == 1 else f"{more} parameters"
-    return (f". {best.baseline.name} has {gain_percent(chosen.error, best.error):.2g} % less error with {words} more: too little, with about "
-            f"{count:.0f} independent samples in the error")
+    return (f". {best.baseline.name} has {gain_percent(chosen.error, best.error):.2g} % less error with {words} more: "
+            f"too little, with about {count:.0f} independent samples in the error")
 
 
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:
