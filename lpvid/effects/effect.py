@@ -189,6 +189,8 @@ class Effect(ABC):
     """whether the strength is a lag that acts in whole samples of a held signal, so that it has no useful derivative"""
     flexible: ClassVar[bool] = False
     """whether it is so general that its prior probability is lower"""
+    common: ClassVar[bool] = False
+    """whether it is as probable as not before any data: most real devices have it"""
     visible: ClassVar[bool] = False
     """whether it is a candidate only where the samples show it before any fit, so that it is more probable than not"""
     placement_of: ClassVar[str] = ""
@@ -201,9 +203,6 @@ class Effect(ABC):
     the data show this form; "" where there is none"""
     contains: ClassVar[tuple[str, ...]] = ()
     """names of other components that its equation contains, so that it can replace them"""
-    comes_with: ClassVar[str] = ""
-    """name of an effect that it has itself, so that beside it this is as probable as not: where there is play there is
-    a contact, with its compliance; "" where there is none"""
     behind: ClassVar[str] = ""
     """stage without which it has no effect of its own: friction behind a spring needs something in series"""
     turns: ClassVar[str] = ""

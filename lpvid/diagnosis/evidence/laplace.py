@@ -15,7 +15,7 @@ from lpvid.diagnosis.evidence.priors import (
     SHAPE_FACTOR,
     determined_count,
     deviation_penalty,
-    set_prior,
+    inclusion_prior,
     shape_prior,
     strength_prior,
 )
@@ -199,7 +199,7 @@ class EvaluatedSet:
         law, integrated = effective & (np.arange(precision.size) < self.fit.composition.own), effective & integrated
         gaussian = 0.5 * np.log(2 * np.pi) * (integrated.sum() - law.sum())
         log_volume = gaussian - 0.5 * (_log_determinant(hessian, integrated) - _log_determinant(hessian, law))
-        evidence = m.likelihood + prior + log_volume + set_prior(self.effects)
+        evidence = m.likelihood + prior + log_volume + sum(map(inclusion_prior, self.effects))
         return evidence if np.isfinite(evidence) else -np.inf  # sensitivities explode: the determinant is lost
 
     @cached_property

@@ -49,7 +49,7 @@ def inclusion_prior(effect: Effect) -> float:
     """ln π/(1 − π) with the prior probability π: `FORM_PROBABILITY` of a flexible effect, else `COMPONENT_PROBABILITY`.
 
     Of an effect that the samples show before any fit (`Effect.visible`) it is one less `COMPONENT_PROBABILITY`: as
-    probable as another is improbable.
+    probable as another is improbable. Of one that most real devices have (`Effect.common`) it is ½.
 
     Parameters
     ----------
@@ -59,29 +59,9 @@ def inclusion_prior(effect: Effect) -> float:
     -------
     float
     """
-    share = FORM_PROBABILITY if effect.flexible else COMPONENT_PROBABILITY
+    share = FORM_PROBABILITY if effect.flexible else 0.5 if effect.common else COMPONENT_PROBABILITY
     found = float(np.log(share / (1 - share)))
     return -found if effect.visible else found
-
-
-def set_prior(effects: Sequence[Effect]) -> float:
-    """ln of the prior probability of a set over that of none: Σ ln π/(1 − π), `inclusion_prior`.
-
-    What another member has itself (`Effect.comes_with`) is there as often as not beside that: ½/(1 − π) takes the place
-    of its odds, and a set in which it is missing has the other half.
-
-    Parameters
-    ----------
-    effects : sequence of Effect
-
-    Returns
-    -------
-    float
-    """
-    names, odds = {e.name for e in effects}, np.log(COMPONENT_PROBABILITY / (1 - COMPONENT_PROBABILITY))
-    either = float(np.log(0.5 / (1 - COMPONENT_PROBABILITY)))
-    own = sum(either - float(odds) * (e.comes_with in names) for e in effects if e.comes_with)
-    return sum(map(inclusion_prior, effects)) + own
 
 
 def strength_prior(change: float, slope: float) -> tuple[float, float]:

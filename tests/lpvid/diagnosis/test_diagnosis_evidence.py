@@ -16,12 +16,10 @@ from lpvid.diagnosis.evidence.discrepancy import MISFIT_SIZES, TYPICAL_MISFIT, D
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, effective_samples, sensor_noise_share
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.priors import (
-    COMPONENT_PROBABILITY,
     STRENGTH_SCALE,
     determined_count,
     deviation_penalty,
     inclusion_prior,
-    set_prior,
     shape_prior,
     strength_prior,
 )
@@ -29,7 +27,7 @@ from lpvid.diagnosis.refitting import refit
 from lpvid.effects.composition import Composition
 from lpvid.effects.effect import EffectParameter
 from lpvid.effects.scaling import Scales
-from quartercar.effects.compliance import Backlash, SeriesCompliance
+from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag
 from quartercar.effects.measurement import ForceClipping
 
@@ -215,12 +213,7 @@ def test_a_shape_has_one_prior_whether_its_grid_holds_zero_or_not():
     assert shape_prior(share, 1.0, (0.0, 0.5)) == (2.0, 4.0)  # no decades: normal about none of it
 
 
-def test_the_compliance_of_a_contact_is_as_probable_as_not_where_there_is_play():
-    """Of four sets of two components the prior probabilities add up to one, and either set with play has half."""
-    play, spring = Backlash(), SeriesCompliance()
-    p = COMPONENT_PROBABILITY
-    share = {names: np.exp(set_prior(effects)) * (1 - p) ** 2 for names, effects in
-             {"": (), "spring": (spring,), "play": (play,), "both": (spring, play)}.items()}
-    assert sum(share.values()) == pytest.approx(1.0)
-    assert share["play"] == pytest.approx(p / 2) == share["both"]
-    assert set_prior((spring,)) == pytest.approx(inclusion_prior(spring))
+def test_a_spring_in_series_is_as_probable_as_not():
+    """Every measured damper has one; neither play nor air, which are rarer, has the same prior."""
+    assert inclusion_prior(SeriesCompliance()) == pytest.approx(0.0)
+    assert inclusion_prior(Backlash()) == inclusion_prior(EntrainedAir()) == inclusion_prior(CoilLag())
