@@ -34,6 +34,7 @@ from lpvid.effects.effect import Effect, by_name
 from lpvid.effects.scaling import Scales
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.validation.trust import LEVEL
 
 
 def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
@@ -100,7 +101,8 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
               unusable: tuple[CannotTell, ...], seed: int, report_progress: Callable[[str], None]) -> Diagnosis:
     """The diagnosis by the most probable set that lowers the error on data not seen, measured on all samples.
 
-    Sets that do not lower it are rejected while these hold at most half of the weight; beyond that nothing is named.
+    Sets that do not lower it are rejected, and their weight goes to smaller ones, while they hold all but one in twenty
+    of it; beyond that nothing is named.
 
     Parameters
     ----------
@@ -138,7 +140,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             return (found if selected.members else first).diagnosis()
         rejected.append(selected.fit.composition.members)
         report_progress(f"no lower error on further data: {', '.join(sorted(rejected[-1]))}")
-        if sum(weights[members] for members in rejected) > 0.5:
+        if sum(weights[members] for members in rejected) > LEVEL:
             return first.diagnosis()
 
 

@@ -378,7 +378,8 @@ def _confirmed_sets(search: SetSearch, rejected_sets: Collection[frozenset[str]]
     """Visited sets and their weights, without the rejected ones; the baseline alone where no other is left.
 
     Where some members of a set do not lower the error out of fold (`smaller`), its weight goes to the set without them,
-    or to the largest visited subset of that: to drop it would lower the weight of its other members too.
+    or to the largest visited subset of that: to drop it would lower the weight of its other members too. So does that
+    of a rejected set.
     """
     visited = {w.members: w for w, _ in posterior(search)}
     weights = {members: 0.0 for members in visited if members not in smaller and members not in rejected_sets}
@@ -387,7 +388,7 @@ def _confirmed_sets(search: SetSearch, rejected_sets: Collection[frozenset[str]]
         while members in smaller:
             members = smaller[members]
         within = [m for m in weights if m <= members]
-        if within and members not in rejected_sets:
+        if within:
             weights[max(within, key=len)] += p
     total = sum(weights.values())
     if total <= 0:

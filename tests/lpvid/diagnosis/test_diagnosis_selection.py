@@ -96,9 +96,10 @@ def contradicted() -> tuple[Record, Record]:
 
 
 @pytest.mark.seconds
-@pytest.mark.parametrize(("weights", "kept"), [((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), [])])
+@pytest.mark.parametrize(("weights", "kept"), [
+    ((0.48, 0.47, 0.05), ["dry"]), ((0.9, 0.09, 0.01), ["dry"]), ((0.97, 0.02, 0.01), [])])
 def test_a_set_that_further_data_do_not_confirm_is_replaced_by_the_next(contradicted, monkeypatch, weights, kept):
-    """With the wave the error of the other record grows. Where that set has most weight the baseline stays."""
+    """With the wave the error of the other record grows. Where that set has nearly all weight the baseline stays."""
     training, other = contradicted
 
     def fixed(search):
