@@ -435,7 +435,7 @@ class Remembered:
         return s.remembered("simulations", self.key, run, REMEMBERED)
 
     def kept(self, s: Signals) -> bool:
-        """Whether the simulation along signals is kept, so that these will be met again.
+        """Whether the simulation along signals is kept at present.
 
         Parameters
         ----------

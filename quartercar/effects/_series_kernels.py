@@ -20,18 +20,21 @@ from quartercar.effects.friction_gas import POLYTROPIC
 
 CLOSE = HALF_DIGITS
 """last step of Newton's method, as a share of the force; the error left is its square"""
-TAKEN = -np.log(HALF_DIGITS)
-"""force from which play is taken up to the last digit, in those over which it is: 1 − tanh x = 2e^(−2x)"""
+TAKEN_UP = 5.0
+"""force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
+TAKEN = -TAKEN_UP * np.log(HALF_DIGITS)
+"""force from which the play is taken up to the last digit: 1 − tanh x = 2e^(−2x) [N]"""
 
 
 def _tables() -> tuple[np.ndarray, np.ndarray]:
-    """tanh x at even steps of x from 0 to `TAKEN`, and the same number of steps of the deflection of air.
+    """tanh(F/TAKEN_UP) at even steps of F from 0 to `TAKEN`, and the same number of steps of the deflection of air.
 
-    The steps of x are √`STEP`, so that linear interpolation has an error of `STEP`/8 times the curvature. Air:
+    The steps of F/TAKEN_UP are √`STEP`, so that linear interpolation has an error of `STEP`/8 times the curvature. Air:
     1 − (1 + |F|/F_p)^(−1/n) at even steps of |F|/(|F| + F_p) from 0 to 1. Both are concave.
     """
-    share = np.linspace(0.0, 1.0, 1 + int(np.ceil(TAKEN / np.sqrt(STEP))))
-    return np.tanh(TAKEN * share), 1 - (1 - share) ** (1 / POLYTROPIC)
+    top = TAKEN / TAKEN_UP
+    share = np.linspace(0.0, 1.0, 1 + int(np.ceil(top / np.sqrt(STEP))))
+    return np.tanh(top * share), 1 - (1 - share) ** (1 / POLYTROPIC)
 
 
 SIGN, AIR = _tables()
@@ -65,9 +68,9 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
         φ there.
     rows, before, tilt : (n, r) arrays
         b at the samples, b just before them, and −∂b/∂x for a law that depends on the position behind the elements.
-    element : tuple of seven floats
-        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], force at
-        rest, which acts beside the elements [N], and force over which the play is taken up [N].
+    element : tuple of six floats
+        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], and the
+        force at rest, which acts beside the elements [N].
     step : float
         [s].
     trace : (stages, 5) array
@@ -81,7 +84,6 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
     floor = element[4]
     curved, rigid = element[1] > 0.0 or element[3] > 0.0, element[0] == 0.0 and element[1] == 0.0 and element[3] == 0.0
     at_floor = _deflection(floor, element)[0] if floor > -EXPLODED else 0.0
-    enough = TAKEN * element[6]
     last, b = speeds.size - 1, rows[0].copy()
     low = _cell(velocity[0], speeds)
     deflection = force = force_low = force_high = w = void = known = 0.0
@@ -140,10 +142,12 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
                         above = _residual(force_high, speeds[low + 1], target, h, element, curved)
                     t = below / (below - above)
                     cell = speeds[low + 1] - speeds[low]
-                    taken = element[1] == 0.0 and (min(force_low, force_high) - element[5] > enough
-                                                   or max(force_low, force_high) - element[5] < -enough)
+                    inside = 0.0 <= t <= 1.0  # beyond the table both nodes may lie on one side of the play
+                    taken = inside and element[1] == 0.0 and (min(force_low, force_high) - element[5] > TAKEN
+                                                              or max(force_low, force_high) - element[5] < -TAKEN)
                     if (curved and not taken) or min(force_low, force_high) < floor:
-                        t = _root_in_cell(force_low, force_high - force_low, speeds[low], cell, target, h, element)
+                        t = _root_in_cell(force_low, force_high - force_low, speeds[low], cell, target, h, element,
+                                          inside)
                     w = speeds[low] + t * cell
                 force = max(force_low + t * (force_high - force_low), floor)
                 if force <= floor and k:
@@ -282,13 +286,13 @@ def _bracket(cell, way, speeds, nodes, b, target, h, element, curved):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _root_in_cell(start, rise, w, cell, target, h, element):
-    """Place in a cell at which the residual is zero, with the law linear in the cell."""
+def _root_in_cell(start, rise, w, cell, target, h, element, inside):
+    """Place in a cell at which the residual is zero, with the law linear in the cell; `inside` where it is within."""
     if rise > 0.0:
         inverse = cell / rise
         right = target - h * (w + (element[5] - start) * inverse)
         ends = start - element[5], start + rise - element[5]
-        least = min(abs(ends[0]), abs(ends[1])) if ends[0] * ends[1] > 0.0 else 0.0
+        least = min(abs(ends[0]), abs(ends[1])) if inside and ends[0] * ends[1] > 0.0 else 0.0
         size = _force_above_rest(abs(right), element[0] + h * inverse, least, element)
         force = element[5] + math.copysign(size, right)
         if force >= element[4]:
@@ -362,13 +366,12 @@ def _play_and_air(size, element):
     """Deflection of play and air under a force of a size, and its slope."""
     d = slope = 0.0
     if element[3] > 0.0:
-        top = TAKEN * element[6]
-        place = size / top * (SIGN.size - 1)
+        place = size / TAKEN * (SIGN.size - 1)
         if place < SIGN.size - 1:
             node = max(int(place), 0)  # Newton's method may reach a negative force where the law is steep
             rise = SIGN[node + 1] - SIGN[node]
             d += element[3] * (SIGN[node] + (place - node) * rise)
-            slope += element[3] * rise * (SIGN.size - 1) / top
+            slope += element[3] * rise * (SIGN.size - 1) / TAKEN
         else:
             d += element[3]
     if element[1] > 0.0:

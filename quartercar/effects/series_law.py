@@ -47,8 +47,6 @@ class Law:
         Whether the core has memory: the law is then linear in the speed at every sample.
     rest : float
         Force at rest, which acts in parallel to the elements [N].
-    size : float
-        Root mean square of the force along the signals, without that at rest [N].
     """
 
     speeds: np.ndarray
@@ -60,7 +58,6 @@ class Law:
     steep: np.ndarray
     memory: bool = False
     rest: float = 0.0
-    size: float = 0.0
 
 
 def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, static: bool) -> Law:
@@ -95,11 +92,10 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
         moved = few_samples.evaluated(displacement=(s["displacement"] - deflection)[seen])
         if not np.array_equal(core(moved), here):  # the law depends on the position
             turned = core(_at_speeds(moved, speeds)).reshape(table.shape)
-    top = float(np.abs(table).max())
-    if not top < np.sqrt(np.finfo(float).max / table.size) or np.diff(table, axis=0).min() < -SAME * top:
+    size = float(np.abs(table).max())
+    if not size < np.sqrt(np.finfo(float).max / table.size) or np.diff(table, axis=0).min() < -SAME * size:
         return with_memory(core, s, rigid)
-    rest = force_at_rest(core, s)
-    return replace(_combined(core, s, speeds, table, turned, deflection), rest=rest, size=_size(rigid - rest))
+    return replace(_combined(core, s, speeds, table, turned, deflection), rest=force_at_rest(core, s))
 
 
 def force_at_rest(core: Core, s: Signals) -> float:
@@ -176,14 +172,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
     slope = np.maximum(slope, max(least, EPS))
     rows = np.column_stack([rigid - slope * v, slope])
     shapes = np.column_stack([np.ones(speeds.size), speeds])
-    return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool), memory=True,
-               size=_size(rigid))
-
-
-def _size(force: np.ndarray) -> float:
-    """Root mean square [N], of forces of any size."""
-    top = max(float(np.abs(force).max()), TINY)
-    return top * float(np.sqrt(np.mean((force / top) ** 2)))
+    return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool), memory=True)
 
 
 def _spanning(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

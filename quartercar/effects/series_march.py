@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lpvid.baselines.signals import Core, Remembered, Signals
-from lpvid.rounding import EXPLODED, TINY
+from lpvid.rounding import EXPLODED
 from lpvid.toolkit import checks
 from quartercar.effects.corners import corners
 from quartercar.effects.friction_gas import POLYTROPIC
@@ -16,9 +16,6 @@ from quartercar.effects.series_law import Law, read_law
 STEEP = 3
 """steps of the march per sampling interval with air, play or cavitation, after a jump of the current and along a steep
 change of it; elsewhere 1"""
-TAKEN_UP = 0.005
-"""force over which play is taken up, as a share of the root mean square of the law's: the deflection is
-play/2 tanh(F/F_t). Without it the force would jump"""
 
 
 TRACED = ("speed", "deflection", "force", "force over speed", "force over deflection")
@@ -62,25 +59,22 @@ class Elements:
     play: float = 0.0
     limit: float = np.inf
 
-    def numbers(self, rest: float, size: float) -> tuple[float, float, float, float, float, float, float]:
-        """For the kernels.
+    def numbers(self, rest: float = 0.0) -> tuple[float, float, float, float, float, float]:
+        """For the kernels; `rest` is the force at rest, which acts in parallel to the elements.
 
         Parameters
         ----------
         rest : float
-            Force at rest, which acts in parallel to the elements [N].
-        size : float
-            Root mean square of the force of the law, without that at rest [N].
+            [N].
 
         Returns
         -------
-        tuple of seven floats
+        tuple of six floats
             Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], rest
-            [N], force over which the play is taken up [N].
+            [N].
         """
         floor = rest - float(min(self.limit, EXPLODED))
-        return (float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor,
-                rest, max(TAKEN_UP * size, TINY))
+        return float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor, rest
 
     def deflection(self, force: np.ndarray) -> np.ndarray:
         """(n,) deflection of spring, air and play under a force [m].
@@ -178,6 +172,6 @@ class SeriesMarch:
         velocity = checks.read_only(np.ascontiguousarray(s["velocity"], dtype=float))
         out, without, found = np.empty(s.n_samples), np.empty(s.n_samples), corners(s)
         kernels.march(velocity, found.rise, found.place, law.speeds, law.nodes, law.rows, law.before, law.tilt,
-                      self.elements.numbers(law.rest, law.size), s.sample_time, trace, *self.steps(s, law), out)
+                      self.elements.numbers(law.rest), s.sample_time, trace, *self.steps(s, law), out)
         kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
         return rigid + (out - without)

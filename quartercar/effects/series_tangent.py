@@ -113,12 +113,12 @@ def changed(own: SeriesMarch, s: Signals, others: Sequence[Core]) -> tuple[np.nd
     out = own.march(s, rigid, law, trace)
     kernels.stages(parts, ends, last, place)
     stages = MarchStages(own.core, s, law, trace, last, place)
-    element, found = own.elements.numbers(law.rest, law.size), []
+    element, found = own.elements.numbers(law.rest), []
     for j, other in enumerate(others):
         moved = stages.moved(other.core) if isinstance(other, type(own)) and other.static == own.static else None
         if moved is not None:
             beside = 0.0 if law.memory else force_at_rest(other.core, s) - law.rest
-            found.append((j, moved, other.elements.numbers(law.rest, law.size), beside))
+            found.append((j, moved, other.elements.numbers(law.rest), beside))
     falls = np.array([0.0 if numbers == element else numbers[4] - element[4] for _, _, numbers, _ in found])
     state, changes = np.zeros((2, len(found))), np.empty((len(found), s.n_samples))
     first = 0

@@ -327,7 +327,7 @@ def _names_preserved(here: Mapping[str, float], most_probable: Mapping[str, floa
 
 
 def _too_little(selected: SelectedSet, law_error: float = 0.0) -> list[SetMember]:
-    """Members that change too little to be named; as a rule the error of the law itself is left aside."""
+    """Members that change too little to be named; the error of the law itself is left aside where it is given as 0."""
     return [m for m in selected.members if m.change < least_change(selected.relative_error, law_error)]
 
 

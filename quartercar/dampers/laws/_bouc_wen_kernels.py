@@ -12,7 +12,8 @@ from quartercar.dampers.stepper import FINE, GAMMA, RATIO, Move
 ITERATIONS = 40
 """most Newton or bisection steps of one stage; three or four are usual"""
 CLOSE = 1e-8
-"""relative Newton step that ends the stage, at round-off; an imaginary part is one step behind and takes one more"""
+"""Newton step, as a share of |z| + |δ w|, that ends the stage: what is left is its square. An imaginary part is one
+step behind and takes one more"""
 
 
 @njit()

@@ -103,20 +103,21 @@ def test_play_takes_its_width_after_every_reversal() -> None:
     s = sine(x, f, 3)
     force = run(Backlash(), [play], lambda s: 5e5 * s["velocity"], s)
     falling = (s.times > 1.25) & (s.times < 1.75)
-    caught = np.flatnonzero(falling & (force < -0.02 * np.abs(force).max()))[0]
+    caught = np.flatnonzero(falling & (force < -100.0))[0]
     assert x - s["displacement"][caught] == pytest.approx(play, abs=2e-5)
     rigid = 5e5 * s["velocity"]
     engaged = falling & (s["displacement"] < x - 1.2 * play)
-    assert np.abs(force - rigid)[engaged].max() < 1e-2 * np.abs(rigid).max()
+    assert np.abs(force - rigid)[engaged].max() < 2e-3 * np.abs(rigid).max()
 
 
-@pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_play_is_the_same_at_every_size_of_force(factor: float) -> None:
-    """A force over which it is taken up in newtons would make it a spring at a damper of a few newtons."""
-    s = sine(0.01, 1.0, 3)
-    usual, other = (run(Backlash(), [1e-3], lambda s, c=c: 8e3 * c * s["velocity"] + 90.0 * c, s)
-                    for c in (1.0, factor))
-    np.testing.assert_allclose(other, factor * usual, rtol=0, atol=1e-9 * factor * np.abs(usual).max())
+@pytest.mark.parametrize("name", ["kwok", "guo"])
+def test_play_in_a_slow_motion_adds_no_force(name: str) -> None:
+    """A law of the position too returns across the play faster than its table reaches; the play then counted as taken
+    up, at 3e5 N."""
+    s, damper = sine(5e-4, 0.05, 3, rate=50.0), baseline(name)
+    rigid = damper.core(damper.vector)(s)
+    force = run(Backlash(), [2e-3], damper.core(damper.vector), s, name)
+    assert np.abs(force).max() <= np.abs(rigid).max()
 
 
 @pytest.mark.seconds
@@ -195,10 +196,10 @@ def test_a_step_for_each_sample_is_as_good_as_many(elements: dict[str, float], c
 
 def test_a_force_that_is_no_number_leads_to_none_and_not_beyond_a_table() -> None:
     """A search tries laws that explode; int(nan) as an index once ended the process."""
-    soft = Elements(play=2e-4, air_stroke=3e-4, air_force=500.0).numbers(0.0, 500.0)
+    soft = Elements(play=2e-4, air_stroke=3e-4, air_force=500.0).numbers(0.0)
     trace, out = np.zeros((4, 5)), np.zeros(4)
     trace[:, 2] = np.nan, np.inf, -np.inf, 1e300
-    _series_kernels.softer(trace, soft, Elements(compliance=1e-6).numbers(0.0, 500.0), out)
+    _series_kernels.softer(trace, soft, Elements(compliance=1e-6).numbers(0.0), out)
     assert np.isnan(out[0])
     assert np.isfinite(_series_kernels._play_and_air(-1e12, soft)).all()
 
@@ -256,7 +257,7 @@ def test_a_force_beyond_all_bounds_reads_no_foreign_memory(size):
     """The table of the entrained air is entered at its end, where int(nan) would be far outside."""
     from quartercar.effects import _series_kernels as kernels
 
-    element = np.array([0.0, 1e-3, 100.0, 0.0, -np.inf, 0.0, 5.0])
+    element = np.array([0.0, 1e-3, 100.0, 0.0, -np.inf, 0.0])
     with np.errstate(all="ignore"):
         d, _ = kernels._play_and_air.py_func(size, element)
         assert d == kernels._play_and_air(size, element)[0]
