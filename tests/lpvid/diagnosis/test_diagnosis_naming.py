@@ -214,12 +214,30 @@ def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(m
     smaller = {frozenset({"dry", "wave"}): frozenset({"dry"})}
     found = [(set(w.members), p) for w, p in selection._confirmed_sets(search, (), smaller)]
     assert found[0] == ({"dry"}, pytest.approx(0.6)) and found[1] == ({"spring"}, pytest.approx(0.35))
-    smaller[frozenset({"dry"})] = frozenset()
-    assert selection._confirmed_sets(search, (), smaller)[0] == (sets[3], pytest.approx(0.65))
-    smaller = {frozenset({"dry", "wave"}): frozenset({"wave"})}  # never visited: the largest within it is
-    assert [p for w, p in selection._confirmed_sets(search, (), smaller) if w is sets[3]] == [pytest.approx(0.45)]
+    smaller = {frozenset({"dry", "wave"}): frozenset({"wave"})}  # never visited, nor is any cause within it
+    assert selection._confirmed_sets(search, (), smaller)[0] == (sets[1], pytest.approx(0.35 / 0.6))
+
+
+def test_that_a_set_fails_out_of_fold_is_no_evidence_for_the_baseline_alone(monkeypatch):
+    """Play with a spring seems as probable as friction and fails: what is left is friction against nothing, as before."""
+    dry, spring, play = part("dry"), SPRING, part("play")
+    sets = [of_cost(1.0, play, spring), of_cost(1.1, dry), of_cost(2.0)]
+    monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.5, 0.45, 0.05), strict=True)))
+    search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[2])
+    found = selection._confirmed_sets(search, (), {frozenset({"play", "spring"}): frozenset()})
+    assert found == [(sets[1], pytest.approx(0.9)), (sets[2], pytest.approx(0.1))]
+    failed = {w.members: frozenset() for w in sets[:2]}
+    assert selection._confirmed_sets(search, (), failed) == [(sets[2], 1.0)]
+
+
+def test_rejected_sets_leave_their_weight_to_smaller_ones_and_at_last_the_baseline(monkeypatch):
+    dry, wave = part("dry"), part("wave")
+    sets = [of_cost(1.0, dry, wave), of_cost(1.1, dry), of_cost(2.0)]
+    monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.9, 0.06, 0.04), strict=True)))
+    search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[2])
+    assert selection._confirmed_sets(search, {sets[0].members}, {})[0] == (sets[1], pytest.approx(0.96))
     rejected = {w.members for w in sets}
-    assert selection._confirmed_sets(search, rejected, {}) == [(sets[3], 1.0)]
+    assert selection._confirmed_sets(search, rejected, {}) == [(sets[2], 1.0)]
 
 
 def test_sets_that_held_out_data_rejected_take_no_name():
