@@ -219,7 +219,7 @@ def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(m
 
 
 def test_that_a_set_fails_out_of_fold_is_no_evidence_for_the_baseline_alone(monkeypatch):
-    """Play with a spring seems as probable as friction and fails: what is left is friction against nothing, as before."""
+    """Play with a spring seems as probable as friction and fails: friction against nothing is left."""
     dry, spring, play = part("dry"), SPRING, part("play")
     sets = [of_cost(1.0, play, spring), of_cost(1.1, dry), of_cost(2.0)]
     monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.5, 0.45, 0.05), strict=True)))
