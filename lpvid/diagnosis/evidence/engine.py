@@ -140,7 +140,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             return (found if selected.members else first).diagnosis()
         rejected.append(selected.fit.composition.members)
         report_progress(f"no lower error on further data: {', '.join(sorted(rejected[-1]))}")
-        if sum(weights[members] for members in rejected) > LEVEL:
+        if sum(weights.get(members, 0.0) for members in rejected) > LEVEL:  # rivals may have added sets
             return first.diagnosis()
 
 

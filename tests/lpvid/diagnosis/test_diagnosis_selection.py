@@ -115,6 +115,15 @@ def test_a_set_that_further_data_do_not_confirm_is_replaced_by_the_next(contradi
     assert (found.after.esr_held_out < found.before.esr_held_out) is bool(kept)
 
 
+@pytest.mark.seconds
+def test_a_rejected_set_that_was_added_beside_rivals_has_no_weight_of_the_search(contradicted, monkeypatch):
+    """A search weighs what it visited; to compare rivals beside a filter refits more, one of which may be reported."""
+    training, other = contradicted
+    monkeypatch.setattr(engine, "posterior", lambda search: [(search.root, 1.0)])
+    found = diagnose([training], Bent(), [Dry(), Wave()], held_out=[other])
+    assert any(r.name == "wave" and "no lower" in r.why for r in found.rejected)
+
+
 @pytest.mark.parametrize(("hidden", "weight", "wanted"), [
     (0.5, 0.25, {"dry", "wave"}),  # nearly as probable, and it predicts better
     (0.5, 0.04, {"dry"}),  # beyond all but a twentieth of the weight
