@@ -346,7 +346,7 @@ class Composition:
 
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
         """The baseline with one parameter moved: along its derivative on these signals and on those made of them that
-        are kept, run anew on any others."""
+        are kept, run anew on any others. The two differ by the rounding of a difference."""
         own = vector[: self.own]
         core = self._base(vector)
         slopes = Remembered(lambda s: np.asfortranarray(self.baseline.sensitivities(s, own)),

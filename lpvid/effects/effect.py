@@ -190,7 +190,7 @@ class Effect(ABC):
     flexible: ClassVar[bool] = False
     """whether it is so general that its prior probability is lower"""
     common: ClassVar[bool] = False
-    """whether it is as probable as not before any data: most real devices have it"""
+    """whether it is as probable as not before any data, as most real devices have it; not counted where `flexible`"""
     visible: ClassVar[bool] = False
     """whether it is a candidate only where the samples show it before any fit, so that it is more probable than not"""
     placement_of: ClassVar[str] = ""

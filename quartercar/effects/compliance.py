@@ -46,8 +46,8 @@ class SeriesElement(GridEffect):
 class SeriesCompliance(SeriesElement):
     """A spring in series: oil column, bush, top mount, fixture, together 1/k (equation sheet 3.5, 3.6).
 
-    It is as probable as not (`common`): fits by hand to the measured records have one at five of five dampers, each on
-    its rig, and at one of four other devices (`tests/benchmarks/real_answers.py`).
+    It is as probable as not (`common`): fits by hand have one at each of five measured dampers, each on its rig, and in
+    one of four other benchmarks (`tests/benchmarks/real_answers.py`, the records that the board marks too).
     """
 
     common: ClassVar[bool] = True

@@ -14,7 +14,7 @@ from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
 from lpvid.baselines.repeats import repeats
 from lpvid.baselines.signals import Signals
-from lpvid.diagnosis.budgets import LISTED
+from lpvid.diagnosis.budgets import LISTED, MOST_MEMBERS
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.evidence.calibration import component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
@@ -101,8 +101,9 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
               unusable: tuple[CannotTell, ...], seed: int, report_progress: Callable[[str], None]) -> Diagnosis:
     """The diagnosis by the most probable set that lowers the error on data not seen, measured on all samples.
 
-    Sets that do not lower it are rejected, and their weight goes to smaller ones, while they hold all but one in twenty
-    of it; beyond that nothing is named.
+    A set that does not lower it is rejected, and its weight goes to a smaller one, until they hold more than `LEVEL` of
+    the weight that the search gave them, or are as many as a set has members: nothing is named then. Each further trial
+    on the same data could pass by chance.
 
     Parameters
     ----------
@@ -140,7 +141,8 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             return (found if selected.members else first).diagnosis()
         rejected.append(selected.fit.composition.members)
         report_progress(f"no lower error on further data: {', '.join(sorted(rejected[-1]))}")
-        if sum(weights.get(members, 0.0) for members in rejected) > LEVEL:  # rivals may have added sets
+        held = sum(weights.get(members, 0.0) for members in rejected)  # the comparison of rivals may add sets
+        if held > LEVEL or len(rejected) == MOST_MEMBERS:
             return first.diagnosis()
 
 

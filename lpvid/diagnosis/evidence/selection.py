@@ -379,7 +379,8 @@ def _confirmed_sets(search: SetSearch, rejected_sets: Collection[frozenset[str]]
 
     Where some members of a set do not lower the error out of fold (`smaller`), its weight goes to the set without them,
     or to the largest visited subset of that: to drop it would lower the weight of its other members too. So does that
-    of a rejected set. Where no member is left it is dropped: that a set fails is no evidence for the baseline alone.
+    of a rejected set. Where no visited set with a cause is left it is dropped: that it fails is no evidence for the
+    baseline alone.
     """
     visited = {w.members: w for w, _ in posterior(search)}
     weights = {members: 0.0 for members in visited if members not in smaller and members not in rejected_sets}

@@ -11,6 +11,7 @@ import pytest
 from helpers.toy_diagnosis import Added, Bent, Cubic, Dry, Wave, record
 
 from lpvid.baselines.baseline import Coefficient
+from lpvid.diagnosis.budgets import MOST_MEMBERS
 from lpvid.diagnosis.evidence import engine, outcome, selection
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.search import SetSearch
@@ -122,6 +123,23 @@ def test_a_rejected_set_that_was_added_beside_rivals_has_no_weight_of_the_search
     monkeypatch.setattr(engine, "posterior", lambda search: [(search.root, 1.0)])
     found = diagnose([training], Bent(), [Dry(), Wave()], held_out=[other])
     assert any(r.name == "wave" and "no lower" in r.why for r in found.rejected)
+
+
+@pytest.mark.seconds
+def test_no_more_sets_are_tried_on_held_out_records_than_a_set_has_members(contradicted, monkeypatch):
+    """Each further trial could pass by chance; where none passes, nothing is named."""
+    training, other = contradicted
+    tried, measured = [], engine._measured
+
+    def counted(*given):
+        tried.append(measured(*given))
+        return tried[-1]
+
+    monkeypatch.setattr(engine, "_measured", counted)
+    monkeypatch.setattr(engine, "posterior", lambda search: [(search.root, 1.0)])
+    monkeypatch.setattr(outcome.EvidenceOutcome, "predicts", property(lambda self: False))
+    found = diagnose([training], Bent(), [Dry(), Wave(), Cubic()], held_out=[other])
+    assert len(tried) == MOST_MEMBERS and not found.causes
 
 
 @pytest.mark.parametrize(("hidden", "weight", "wanted"), [
