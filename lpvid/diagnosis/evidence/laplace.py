@@ -227,7 +227,9 @@ class EvaluatedSet:
                          ) -> tuple[float, float]:
         """Change of the output by one strength, and its slope, as shares of the output's rms."""
         slope = float(np.linalg.norm(self.data.problem.unweighed(self.fit.jacobian[:, j]))) / output_norm
-        return (change, change / abs(distance) if distance else slope) if alone else (abs(distance) * slope, slope)
+        if not alone:
+            return abs(distance) * slope, slope
+        return change, change / abs(distance) if distance else slope
 
 
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:

@@ -122,8 +122,9 @@ def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tupl
         value = max(value, min(positive)) if zero_allowed else value
         deviation = float((np.log(value) - float(np.mean(np.log(positive)))) / width)
         return max(deviation, 0.0) if zero_allowed else deviation, (1 / (width * value)) ** 2
-    width = (max(max((abs(g - p.neutral) for g in grid), default=0.0), *(
-        abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)) or 1.0
+    width = max(max((abs(g - p.neutral) for g in grid), default=0.0), *(
+        abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
+    width = width or 1.0
     return (value - p.neutral) / width, 1 / width**2
 
 
