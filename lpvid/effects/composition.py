@@ -170,8 +170,8 @@ class Composition:
 
     @property
     def chosen(self) -> np.ndarray:
-        """(P,) bool: parameters that are a choice, which has no derivative."""
-        return np.array([False] * self.own + [bool(p.choices) for e in self.effects
+        """(P,) bool: parameters that are not fitted: a choice, which has no derivative, or a number that is held."""
+        return np.array([False] * self.own + [bool(p.choices) or p.held for e in self.effects
                                                                for p in e.parameters])
 
     def core(self, vector: np.ndarray, given: Core | None = None) -> Core:

@@ -52,6 +52,9 @@ class EffectParameter:
     choices : tuple of str
         For a parameter that can only be one of several things: what its values 0, 1, 2 … mean. A search takes it from
         the grid and leaves it there.
+    held : bool
+        Whether it is never fitted: a search leaves it at the smallest size at which a number of its unit is screened
+        (`SPREAD`), and a file keeps it, so that a simulation along other data is of the same numbers.
     former : tuple of str
         Names by which files of earlier versions hold it.
     """
@@ -64,6 +67,7 @@ class EffectParameter:
     bounds: tuple[float, float]
     grid: tuple[float, ...]
     choices: tuple[str, ...] = ()
+    held: bool = False
     former: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -94,6 +98,8 @@ class EffectParameter:
         sizes = sorted({abs(g) for g in self.grid if g})
         if scale is None or not sizes or self.choices:
             return self.grid
+        if self.held:
+            return (float(np.clip(SPREAD[0] * scale, *self.bounds)),)
         signs = sorted({float(np.sign(g)) for g in self.grid if g})
         ladder = (SPREAD[1],) if len(sizes) == 1 and strength else \
             tuple(np.geomspace(SPREAD[0], SPREAD[2], max(len(sizes), MOST_SIZES if strength else 1)))

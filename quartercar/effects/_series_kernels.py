@@ -20,21 +20,19 @@ from quartercar.effects.friction_gas import POLYTROPIC
 
 CLOSE = HALF_DIGITS
 """last step of Newton's method, as a share of the force; the error left is its square"""
-TAKEN_UP = 5.0
-"""force over which play is taken up: its deflection is play/2 tanh(F/TAKEN_UP) [N]"""
-TAKEN = -TAKEN_UP * np.log(HALF_DIGITS)
-"""force from which the play is taken up to the last digit: 1 − tanh x = 2e^(−2x) [N]"""
+TAKEN = -math.log(HALF_DIGITS)
+"""force from which play is taken up to the last digit, over the force F_t over which it is: its deflection is
+play/2 tanh(F/F_t), and 1 − tanh x = 2e^(−2x)"""
 
 
 def _tables() -> tuple[np.ndarray, np.ndarray]:
-    """tanh(F/TAKEN_UP) at even steps of F from 0 to `TAKEN`, and the same number of steps of the deflection of air.
+    """tanh(F/F_t) at even steps of F/F_t from 0 to `TAKEN`, and the same number of steps of the deflection of air.
 
-    The steps of F/TAKEN_UP are √`STEP`, so that linear interpolation has an error of `STEP`/8 times the curvature. Air:
+    The steps of F/F_t are √`STEP`, so that linear interpolation has an error of `STEP`/8 times the curvature. Air:
     1 − (1 + |F|/F_p)^(−1/n) at even steps of |F|/(|F| + F_p) from 0 to 1. Both are concave.
     """
-    top = TAKEN / TAKEN_UP
-    share = np.linspace(0.0, 1.0, 1 + int(np.ceil(top / np.sqrt(STEP))))
-    return np.tanh(top * share), 1 - (1 - share) ** (1 / POLYTROPIC)
+    share = np.linspace(0.0, 1.0, 1 + int(np.ceil(TAKEN / np.sqrt(STEP))))
+    return np.tanh(TAKEN * share), 1 - (1 - share) ** (1 / POLYTROPIC)
 
 
 SIGN, AIR = _tables()
@@ -68,9 +66,9 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
         φ there.
     rows, before, tilt : (n, r) arrays
         b at the samples, b just before them, and −∂b/∂x for a law that depends on the position behind the elements.
-    element : tuple of six floats
-        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], and the
-        force at rest, which acts beside the elements [N].
+    element : tuple of seven floats
+        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], the
+        force at rest, which acts beside the elements [N], and the force over which the play is taken up [N].
     step : float
         [s].
     trace : (stages, 5) array
@@ -143,8 +141,9 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
                     t = below / (below - above)
                     cell = speeds[low + 1] - speeds[low]
                     inside = 0.0 <= t <= 1.0  # beyond the table both nodes may lie on one side of the play
-                    taken = inside and element[1] == 0.0 and (min(force_low, force_high) - element[5] > TAKEN
-                                                              or max(force_low, force_high) - element[5] < -TAKEN)
+                    taken = inside and element[1] == 0.0 and (
+                        min(force_low, force_high) - element[5] > TAKEN * element[6]
+                        or max(force_low, force_high) - element[5] < -TAKEN * element[6])
                     if (curved and not taken) or min(force_low, force_high) < floor:
                         t = _root_in_cell(force_low, force_high - force_low, speeds[low], cell, target, h, element,
                                           inside)
@@ -366,12 +365,12 @@ def _play_and_air(size, element):
     """Deflection of play and air under a force of a size, and its slope."""
     d = slope = 0.0
     if element[3] > 0.0:
-        place = size / TAKEN * (SIGN.size - 1)
+        place = size / (TAKEN * element[6]) * (SIGN.size - 1)
         if place < SIGN.size - 1:
             node = max(int(place), 0)  # Newton's method may reach a negative force where the law is steep
             rise = SIGN[node + 1] - SIGN[node]
             d += element[3] * (SIGN[node] + (place - node) * rise)
-            slope += element[3] * rise * (SIGN.size - 1) / TAKEN
+            slope += element[3] * rise * (SIGN.size - 1) / (TAKEN * element[6])
         else:
             d += element[3]
     if element[1] > 0.0:

@@ -12,7 +12,9 @@ from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core, Signals
 from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
 from quartercar.effects.force_output import no_force
+from quartercar.effects.friction_gas import POLYTROPIC
 from quartercar.effects.series import in_series
+from quartercar.effects.series_march import TAKE_UP
 
 
 class SeriesElement(GridEffect):
@@ -76,19 +78,22 @@ class Backlash(SeriesElement):
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "play in series with the damper"
     rugged: ClassVar[str] = "play"
-    equation: ClassVar[str] = "v = w + dD/dt, D = (delta/2) sign F, any of +-delta/2 where F = 0; F = law(w)"
+    equation: ClassVar[str] = "v = w + dD/dt, D = (delta/2) tanh(F/F_t), F = law(w)"
     reference: ClassVar[str] = "equation sheet 3.7"
     experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"
     smooth: ClassVar[bool] = False
+    added_later: ClassVar[tuple[str, ...]] = ("take_up",)
     partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "inner-friction", "series-compliance")
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("play", "m", "delta, from end to end", 0.0, (0.0, 2e-3), (0.0, 0.5),
-                                (2e-5, 6e-5, 2e-4, 6e-4)),)
+                                (2e-5, 6e-5, 2e-4, 6e-4)),
+                EffectParameter("take_up", "N", "F_t, force over which the play is taken up", TAKE_UP, (1e-3, 1e3),
+                                (1e-6, 1e6), (TAKE_UP,), held=True))
 
     def elements(self, values: np.ndarray) -> dict[str, float]:
-        return {"play": float(values[0])}
+        return {"play": float(values[0]), "take_up": float(values[1])}
 
     def lpv_change(self) -> LpvChange | None:
         return None
@@ -115,8 +120,15 @@ class EntrainedAir(SeriesElement):
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Without pressure, F_p at its lower bound, D = s sign F: play of 2 s from end to end."""
-        return ("backlash",) if values[1] <= self.parameters[1].bounds[0] else ()
+        """Play of 2 s from end to end, where D is closer to it than to a spring along the data.
+
+        ΣD/√N > Σ D|F|/√ΣF², F about its mean: the correlation of D sgn F with sgn F is above that with F. With forces
+        evenly distributed up to F_max, F_p < .15 F_max.
+        """
+        force = np.concatenate([np.abs(s.output - s.output.mean()) for s in signals])
+        deflection = 1.0 - (1.0 + force / float(values[1])) ** (-1 / POLYTROPIC)
+        as_play, as_spring = deflection.sum() * np.linalg.norm(force), deflection @ force * np.sqrt(force.size)
+        return ("backlash",) if as_play > as_spring else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one more state: the force itself", order=1)

@@ -18,6 +18,8 @@ STEEP = 3
 change of it; elsewhere 1"""
 
 
+TAKE_UP = 5.0
+"""force over which play is taken up where none is stated, as in models of version 0.1.0 [N]"""
 TRACED = ("speed", "deflection", "force", "force over speed", "force over deflection")
 """what the trace of a march holds of every stage: w, the deflection at which the law was evaluated, F and its slopes,
 that over the speed −1 on the floor"""
@@ -51,6 +53,8 @@ class Elements:
         Total lost motion [m].
     limit : float
         Force of compression at which the fluid cavitates [N].
+    take_up : float
+        Force over which the play is taken up: its deflection is play/2 tanh(F/take_up) [N].
     """
 
     compliance: float = 0.0
@@ -58,8 +62,9 @@ class Elements:
     air_force: float = 1.0
     play: float = 0.0
     limit: float = np.inf
+    take_up: float = TAKE_UP
 
-    def numbers(self, rest: float = 0.0) -> tuple[float, float, float, float, float, float]:
+    def numbers(self, rest: float = 0.0) -> tuple[float, float, float, float, float, float, float]:
         """For the kernels; `rest` is the force at rest, which acts in parallel to the elements.
 
         Parameters
@@ -69,12 +74,13 @@ class Elements:
 
         Returns
         -------
-        tuple of six floats
+        tuple of seven floats
             Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], rest
-            [N].
+            [N], force over which the play is taken up [N].
         """
         floor = rest - float(min(self.limit, EXPLODED))
-        return float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor, rest
+        return (float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor,
+                rest, float(self.take_up))
 
     def deflection(self, force: np.ndarray) -> np.ndarray:
         """(n,) deflection of spring, air and play under a force [m].

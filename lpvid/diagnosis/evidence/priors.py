@@ -114,7 +114,7 @@ def shape_prior(p: EffectParameter, value: float, grid: Sequence[float]) -> tupl
     deviation, curvature : float
         Distance of `value` from the middle of the prior in standard deviations, and curvature there.
     """
-    if p.choices:
+    if p.choices or p.held:
         return 0.0, 0.0
     positive, zero_allowed = [g for g in grid if g > 0], 0.0 in grid
     if positive and p.bounds[0] >= 0 and (p.unit if zero_allowed else value > 0):

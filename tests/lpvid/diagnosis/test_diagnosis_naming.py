@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.evidence import rivals, selection
 from lpvid.diagnosis.evidence.calibration import match_component
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome, alternatives
@@ -110,7 +111,8 @@ def simplified(effect: Effect, component: str, values: list[float], spread: list
     sets = [(SimpleNamespace(effects=(effect,), components=(component,)), 1.0)]
     fit = SimpleNamespace(composition=SimpleNamespace(effects=(effect,), places=[slice(0, 2)]))
     member = SetMember(effect, effect.name, np.array(values), 0.7, 0.9, 0.7, ((rival, 0.2),), 1.0, 50.0, 1.0, 0.1, 10.0)
-    selected = SimpleNamespace(fit=fit, sets=sets, members=(member,), problem=SimpleNamespace(signals=()))
+    problem = SimpleNamespace(signals=(Signals(0.01, {}, np.linspace(-500.0, 500.0, 100)),))
+    selected = SimpleNamespace(fit=fit, sets=sets, members=(member,), problem=problem)
     outcome = SimpleNamespace(search=SimpleNamespace(candidates=CATALOGUE), selected=selected)
     return EvidenceOutcome._simplified(outcome, member, np.array(spread))
 

@@ -28,7 +28,7 @@ def signals(n: int = 600) -> Signals:
 @pytest.mark.parametrize(("names", "values", "runs"), [
     (("coulomb-friction",), [20.0, 0.0, 2e-3], 0), (("coil-lag",), [0.004], 0),
     (("displacement-delay", "gas-stiffness"), [500.0, 3.0, 0.004, 0.2], None),
-    (("series-compliance",), [1e-6], None), (("backlash",), [2e-4], None)])
+    (("series-compliance",), [1e-6], None), (("backlash",), [2e-4, 5.0], None)])
 def test_columns_inside_effects(names: tuple[str, ...], values: list[float], runs: int | None) -> None:
     """They agree, and where the effect leaves the signals alone or its own are kept, no run of the law is needed."""
     causes = by_name(CATALOGUE)

@@ -132,12 +132,15 @@ def test_air_without_pressure_is_play() -> None:
     """By the force, and by the name under which sets of either add up."""
     law, s = guo(), inputs(np.ones(SAMPLES))
     air, play = (force_with(s, effect, values, law) for effect, values in (
-        (EntrainedAir(), (2e-4, 1e-3)), (Backlash(), (4e-4,))))
+        (EntrainedAir(), (2e-4, 1e-3)), (Backlash(), (4e-4, 5.0))))
     plain = law.core(law.vector)(s)
     assert np.std(air - play) < 0.2 * np.std(play - plain)  # play is taken up over some newtons
-    for pressure, others, comes_to in ((1e-3, (Backlash(), EntrainedAir()), "backlash"),
-                                       (50.0, (Backlash(), SeriesCompliance()), "series-compliance")):
-        assert component_of(EntrainedAir(), np.array([2e-4, pressure]), (s,), others) == comes_to
+    s = Signals(PERIOD, s.channels, plain)
+    strongest = np.abs(plain - plain.mean()).max()
+    for share, others, comes_to in ((1e-6, (Backlash(), EntrainedAir()), "backlash"),
+                                    (0.03, (Backlash(), EntrainedAir()), "backlash"),
+                                    (0.3, (Backlash(), SeriesCompliance()), "series-compliance")):
+        assert component_of(EntrainedAir(), np.array([2e-4, share * strongest]), (s,), others) == comes_to
 
 
 def test_an_orifice_from_the_slowest_speeds_on_is_a_turbulent_loss() -> None:

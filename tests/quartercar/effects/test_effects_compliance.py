@@ -11,6 +11,7 @@ from helpers.static_rig import named_or_listed, recorded, static_law
 from scipy.integrate import solve_ivp
 
 from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.scaling import Scales
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.effects import _series_kernels
@@ -45,7 +46,7 @@ def run(element: SeriesElement, values: list[float], core: Core, s: Signals, nam
 
 
 # -- what acts beside ------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("element", "values"), [(Backlash(), [4e-4]), (EntrainedAir(), [3e-4, 300.0]),
+@pytest.mark.parametrize(("element", "values"), [(Backlash(), [4e-4, 5.0]), (EntrainedAir(), [3e-4, 300.0]),
                                                  (SeriesCompliance(), [4e-7])], ids=str)
 def test_a_gas_preload_takes_up_no_play(element: SeriesElement, values: list[float]) -> None:
     """The force at rest acts beside the element: with a preload of 250 N all is as without, and 250 N."""
@@ -57,7 +58,7 @@ def test_a_gas_preload_takes_up_no_play(element: SeriesElement, values: list[flo
 
 
 @pytest.mark.seconds
-@pytest.mark.parametrize(("element", "values"), [(Backlash(), [4e-4]), (EntrainedAir(), [3e-4, 300.0])], ids=str)
+@pytest.mark.parametrize(("element", "values"), [(Backlash(), [4e-4, 5.0]), (EntrainedAir(), [3e-4, 300.0])], ids=str)
 def test_the_derivative_in_the_preload_is_that_of_whole_runs(element: SeriesElement, values: list[float]) -> None:
     s = sine(0.004, 3.0)
     own, other = (element.compose(lambda q, p=p: law(q) - p, np.array(values), baseline()) for p in (250.0, 251.0))
@@ -101,7 +102,7 @@ def test_play_takes_its_width_after_every_reversal() -> None:
     """A dashpot's force is missing while the play is crossed: over half a stroke from rest v is integrated to δ."""
     play, x, f = 1e-3, 0.01, 1.0
     s = sine(x, f, 3)
-    force = run(Backlash(), [play], lambda s: 5e5 * s["velocity"], s)
+    force = run(Backlash(), [play, 5.0], lambda s: 5e5 * s["velocity"], s)
     falling = (s.times > 1.25) & (s.times < 1.75)
     caught = np.flatnonzero(falling & (force < -100.0))[0]
     assert x - s["displacement"][caught] == pytest.approx(play, abs=2e-5)
@@ -110,13 +111,28 @@ def test_play_takes_its_width_after_every_reversal() -> None:
     assert np.abs(force - rigid)[engaged].max() < 2e-3 * np.abs(rigid).max()
 
 
+@pytest.mark.parametrize("size", [0.01, 30.0])
+def test_play_in_a_damper_of_another_size(size: float) -> None:
+    """The force over which it is taken up is a number of the effect, which a search sets by the force of the data."""
+    def screened(size: float) -> list[np.ndarray]:
+        s = sine(0.01, 1.0, 3)
+        s = Signals(s.sample_time, s.channels, size * law(s))
+        return [run(Backlash(), list(values), lambda q: size * law(q), s)
+                for values in Backlash().spread_points((s,), Scales.of([s]).size) if values[0] > 0]
+
+    here, there = screened(1.0), screened(size)
+    assert len(here) == len(there) > 2
+    for one, other in zip(here, there, strict=True):
+        assert np.abs(other - size * one).max() < 1e-6 * size * np.abs(one).max()
+
+
 @pytest.mark.parametrize("name", ["kwok", "guo"])
 def test_play_in_a_slow_motion_adds_no_force(name: str) -> None:
     """A law of the position too returns across the play faster than its table reaches; the play then counted as taken
     up, at 3e5 N."""
     s, damper = sine(5e-4, 0.05, 3, rate=50.0), baseline(name)
     rigid = damper.core(damper.vector)(s)
-    force = run(Backlash(), [2e-3], damper.core(damper.vector), s, name)
+    force = run(Backlash(), [2e-3, 5.0], damper.core(damper.vector), s, name)
     assert np.abs(force).max() <= np.abs(rigid).max()
 
 
@@ -205,9 +221,9 @@ def test_a_force_that_is_no_number_leads_to_none_and_not_beyond_a_table() -> Non
 
 
 def test_elements_in_one_series_are_one_element() -> None:
-    play = Backlash().compose(SeriesCompliance().compose(law, np.array([4e-7]), baseline()), np.array([1e-4]),
+    play = Backlash().compose(SeriesCompliance().compose(law, np.array([4e-7]), baseline()), np.array([1e-4, 5.0]),
                               baseline())
-    turned = SeriesCompliance().compose(Backlash().compose(law, np.array([1e-4]), baseline()), np.array([4e-7]),
+    turned = SeriesCompliance().compose(Backlash().compose(law, np.array([1e-4, 5.0]), baseline()), np.array([4e-7]),
                                         baseline())
     assert isinstance(play, InSeries) and isinstance(turned, InSeries)
     assert play.elements == turned.elements
@@ -231,7 +247,7 @@ def test_a_core_with_memory_is_followed_through_its_local_slope() -> None:
 
 
 # -- the rig and the engine ------------------------------------------------------------------------------------------
-PLACES = {"series-compliance": (SeriesCompliance(), [1 / 1.5e6], 2e-4), "backlash": (Backlash(), [5e-4], 2e-3),
+PLACES = {"series-compliance": (SeriesCompliance(), [1 / 1.5e6], 2e-4), "backlash": (Backlash(), [5e-4, 5.0], 2e-3),
           "entrained-air": (EntrainedAir(), [4e-4, 400.0], 6e-4)}
 
 
@@ -257,7 +273,7 @@ def test_a_force_beyond_all_bounds_reads_no_foreign_memory(size):
     """The table of the entrained air is entered at its end, where int(nan) would be far outside."""
     from quartercar.effects import _series_kernels as kernels
 
-    element = np.array([0.0, 1e-3, 100.0, 0.0, -np.inf, 0.0])
+    element = np.array([0.0, 1e-3, 100.0, 0.0, -np.inf, 0.0, 5.0])
     with np.errstate(all="ignore"):
         d, _ = kernels._play_and_air.py_func(size, element)
         assert d == kernels._play_and_air(size, element)[0]
