@@ -8,7 +8,7 @@ from __future__ import annotations
 from lpvid._compiling import njit
 
 
-@njit()
+@njit(error_model="numpy")
 def innovations(v, c, d, phi, lagged, begin, limit, e):
     """e(k) = D v − Σ c_i(p) e(k−i), in place for k = begin … n−1; returns the diverging sample or −1.
 
@@ -36,7 +36,7 @@ def innovations(v, c, d, phi, lagged, begin, limit, e):
     return -1
 
 
-@njit()
+@njit(error_model="numpy")
 def predict_coloured(v, e, c, d, begin, horizon, ahead):
     """`horizon`-step prediction of v = D⁻¹C e from its past: future innovations count as zero.
 
@@ -57,7 +57,7 @@ def predict_coloured(v, e, c, d, begin, horizon, ahead):
                 ahead[t, o] = total
 
 
-@njit()
+@njit(error_model="numpy")
 def predict_armax(equation, a, c, y, e, phi, lagged, start, horizon, out):
     """`horizon`-step prediction of an ARMAX model from y and e up to k−horizon.
 

@@ -16,7 +16,7 @@ PAST = 4
 """samples of past that are read at least, whatever the number of lags"""
 
 
-@njit(fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"})
 def recur(weights, z, history, rows):
     """z(k) ← z(k) − Σ_i w_i(k) z(k−i) in every row of z (K, history + rows), `rows` samples behind `history` of past.
 
@@ -39,7 +39,7 @@ def _lag(weights, i):
     return weights[i] if i < weights.shape[0] else 0.0 * weights[0]
 
 
-@njit(fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"})
 def _recur_one(w1, w2, w3, w4, weights, z, history, rows):
     lags = weights.shape[0]
     y1, y2, y3, y4 = z[history - 1], z[history - 2], z[history - 3], z[history - 4]
@@ -52,7 +52,7 @@ def _recur_one(w1, w2, w3, w4, weights, z, history, rows):
         y4, y3, y2, y1 = y3, y2, y1, total
 
 
-@njit(fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"})
 def _recur_four(w1, w2, w3, w4, weights, z, column, history, rows):
     lags = weights.shape[0]
     za, zb, zc, zd = z[column], z[column + 1], z[column + 2], z[column + 3]
@@ -84,7 +84,7 @@ def _recur_four(w1, w2, w3, w4, weights, z, column, history, rows):
         d4, d3, d2, d1 = d3, d2, d1, d
 
 
-@njit(fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"})
 def recur_coupled(weights, z, history, rows):
     """`recur` with coupled outputs: weights (lags, ny, ny, rows), z (ny, K, history + rows)."""
     lags, ny = weights.shape[0], weights.shape[1]
@@ -99,7 +99,7 @@ def recur_coupled(weights, z, history, rows):
                 z[o, c, k] = total
 
 
-@njit(fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"})
 def moving_average(d, z, out, history, rows):
     """out(k) = z(k) + Σ_i d_i z(k−i) in every row of z (K, history + rows); out may have more rows."""
     for c in range(z.shape[0]):

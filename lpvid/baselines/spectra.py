@@ -15,11 +15,12 @@ from lpvid.condition.interference import (
     FEWEST,
     SHORT,
     interference,
+    is_flat,
     power_of,
     stretch_samples,
     top_of,
 )
-from lpvid.rounding import EPS
+from lpvid.rounding import EPS, TINY
 
 LASTING = -math.log(EPS)
 """length of the transient of a low-pass, in time constants: until it is rounding"""
@@ -32,9 +33,10 @@ COHERENT = 0.5
 def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int = 1) -> np.ndarray:
     """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, c from k = 1 on.
 
-    x + Σ_k c_k dᵏx/dtᵏ, differentiated in the frequency domain with Wiener's weight (S − 2N)₊/S: S is the power, N the
-    sensor's noise (the level at the top of the spectrum), doubled for safety. Where the weight is small, the inverse
-    would amplify little but noise. The ends are continued by linear prediction. On a clock `finer` times as fast the
+    In the frequency domain X G (w + (1 − w)/|G|), G = 1 + Σ_k c_k (jω)ᵏ, with Wiener's weight w = (S − 2N)₊/S: S is the
+    power, N the sensor's noise (the level at the top of the spectrum), doubled for safety. Where the weight is small G
+    would amplify little but noise, and corrects the phase alone: what there is of the motion is as late as the rest.
+    The ends are continued by linear prediction. On a clock `finer` times as fast the
     channel is band-limited between its samples. A channel of few samples is unchanged.
 
     Parameters
@@ -51,8 +53,11 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     (n finer,) array
         In the unit of the channel; of fewer than `SHORT` samples each is repeated.
     """
-    return _weighed(s, channel, lambda omega, share: 1 + share * sum(c * (1j * omega) ** (k + 1)
-                                                                     for k, c in enumerate(factors)), finer)
+    def weights(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
+        inverse = 1 + sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
+        return inverse * (share + (1 - share) / np.maximum(np.abs(inverse), TINY))
+
+    return _weighed(s, channel, weights, finer)
 
 
 def derivative(s: Signals, channel: str) -> np.ndarray:
@@ -200,20 +205,16 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
 def _derived(s: Signals, channel: str, source: str) -> bool:
     """Whether a channel is coherent with the noise of another one's sensor, and so was computed from that channel.
 
-    At frequencies where the spectrum of the other channel is flat, the median levels of its two halves within `ABOVE`
-    of each other, which is its sensor's noise, two channels of separate sensors are not coherent. The criterion is
-    their mean coherence there, weighted with the power of the channel, which smoothing may have reduced.
+    At frequencies where the spectrum of the other channel is flat (`is_flat`), as its sensor's noise is, two channels
+    of separate sensors are not coherent. The criterion is their mean coherence there, weighted with the power of the
+    channel, which smoothing may have reduced.
     """
     from scipy.signal import coherence, welch
 
     if s[source].size < SHORT:
         return False
     at, power, noise = power_of(s[source], s.sample_time, s.finer)
-    top = top_of(at, power, s.finer)
-    if top.size < 2:  # a record of few samples, or on a slow clock
-        return False
-    lower, upper = (float(np.median(half)) for half in np.array_split(top, 2))
-    if not 0 < max(lower, upper) < ABOVE * min(lower, upper):
+    if not is_flat(top_of(at, power, s.finer)):  # also a record of few samples, or on a slow clock
         return False
     size = stretch_samples(s[source].size, s.sample_time)
     common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=size)[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lpvid.condition.bandwidth import PASSED
 from lpvid.condition.resampling import true_runs
 
 STRETCH, FEWEST = 1.0, 4
@@ -146,6 +147,10 @@ def power_of(values: np.ndarray, period: float, finer: int = 1) -> tuple[np.ndar
 def top_of(frequency: np.ndarray, power: np.ndarray, finer: int = 1) -> np.ndarray:
     """Power at the top of the band that was recorded, where there is noise alone.
 
+    The upper `QUIET` of the band. Where that is not flat and the same share of the band that an anti-alias filter
+    passes (`PASSED`) is, the filter has removed the noise above: what it passes counts, as of a record that was
+    decimated.
+
     Parameters
     ----------
     frequency, power : (m,) array
@@ -155,7 +160,32 @@ def top_of(frequency: np.ndarray, power: np.ndarray, finer: int = 1) -> np.ndarr
     Returns
     -------
     (k,) array
-        Of the upper `QUIET` of the band.
+
+    Examples
+    --------
+    >>> frequency = np.arange(100.0)
+    >>> white = np.ones(100)
+    >>> top_of(frequency, white).size, float(np.median(top_of(frequency, np.where(frequency < 83, white, 0.0))))
+    (30, 1.0)
     """
     recorded = power[frequency <= frequency[-1] / finer]
-    return recorded[-round(QUIET * recorded.size):]
+    whole, passed = (part[-round(QUIET * part.size):] for part in (recorded, recorded[:round(PASSED * recorded.size)]))
+    return passed if is_flat(passed) and not is_flat(whole) else whole
+
+
+def is_flat(power: np.ndarray) -> bool:
+    """Whether the median levels of the two halves of a band are within `ABOVE` of each other, as of white noise.
+
+    Parameters
+    ----------
+    power : (m,) array
+
+    Returns
+    -------
+    bool
+        False of fewer than two, and without any power.
+    """
+    if power.size < 2:
+        return False
+    lower, upper = (float(np.median(half)) for half in np.array_split(power, 2))
+    return 0 < max(lower, upper) < ABOVE * min(lower, upper)

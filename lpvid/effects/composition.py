@@ -255,6 +255,7 @@ class Composition:
         """
         return self.core(vector)(signals)
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of a law that diverges they are not finite
     def sensitivities(self, signals: Signals, vector: np.ndarray, free: Sequence[int] | None = None,
                       at: np.ndarray | None = None) -> np.ndarray:
         """(n, len(free)) derivative of `predict` in the free parameters, by differences; inwards from a bound.

@@ -16,7 +16,7 @@ CLOSE = 1e-8
 step behind and takes one more"""
 
 
-@njit()
+@njit(error_model="numpy")
 def node_rate(y, z, x, v, c0, k0, c1, alpha):
     """ẏ = [α z + c_0 v + k_0 (x − y)]/(c_0 + c_1), the rate of the internal node [m/s].
 
@@ -26,7 +26,7 @@ def node_rate(y, z, x, v, c0, k0, c1, alpha):
     return (alpha * z + c0 * v + k0 * (x - y)) / (c0 + c1)
 
 
-@njit()
+@njit(error_model="numpy")
 def advance(y, z, x0, x1, v0, v1, h, c0, k0, c1, alpha, beta, gamma, delta, n):
     """Advance the pair (y, z) by one step of any length, stable however stiff the parameters are.
 
@@ -63,7 +63,7 @@ def advance(y, z, x0, x1, v0, v1, h, c0, k0, c1, alpha, beta, gamma, delta, n):
     return yb + ah * v1 - slip, zc
 
 
-@njit()
+@njit(error_model="numpy")
 def _capped(z, ahead, bend, delta, n):
     """`ahead`, what the second stage starts from, but not beyond saturation, (δ/(β + γ))^{1/n}, where z is not, either.
 
@@ -81,7 +81,7 @@ def _capped(z, ahead, bend, delta, n):
     return side * top + 0.0 * ahead if before <= top.real else ahead
 
 
-@njit()
+@njit(error_model="numpy")
 def _stage(y, z, x, v, ah, c0, k0, c1, alpha, beta, gamma, delta, n):
     """Slip a h r and state z of an implicit stage: z' = z + G(z') w, w = p − q z', G = δ − (γ sgn(r z') + β)|z'|^n."""
     span = c0 + c1 + ah * k0
@@ -126,7 +126,7 @@ def _stage(y, z, x, v, ah, c0, k0, c1, alpha, beta, gamma, delta, n):
     return p - q * root, root
 
 
-@njit()
+@njit(error_model="numpy")
 def spencer_run(x, v, current, h, substeps, theta, state):
     """Force of the Spencer model without its gas spring, c_1 ẏ, at every sample.
 

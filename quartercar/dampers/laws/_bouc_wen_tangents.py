@@ -18,7 +18,7 @@ INPUTS = 10
 """of a step: y, z, c_0, k_0, c_1, α, β, γ, δ, n"""
 
 
-@njit()
+@njit(error_model="numpy")
 def stage_partials(slip, root, x, v, ah, point, before, out):
     """∂(slip, root) of a solved stage into out (2, 10).
 
@@ -61,7 +61,7 @@ def stage_partials(slip, root, x, v, ah, point, before, out):
         out[1, i] = droot
 
 
-@njit()
+@njit(error_model="numpy")
 def advance_partials(x0, x1, v0, v1, h, point, between, part):
     """`advance` of (y, z) = point[:2] in place, and ∂(y, z)/∂(y, z, c_0, k_0, c_1, α, β, γ, δ, n) into part (2, 10).
 
@@ -95,7 +95,7 @@ def advance_partials(x0, x1, v0, v1, h, point, between, part):
     point[0], point[1] = point[0] + ah * v1 - slip, zc
 
 
-@njit()
+@njit(error_model="numpy")
 def force_slopes(y, z, x, v, c0, k0, c1, alpha, out):
     """∂F/∂(y, z, c_0, k_0, c_1, α) of F = c_1 ẏ into out (6,)."""
     rate, share = node_rate(y, z, x, v, c0, k0, c1, alpha), c1 / (c0 + c1)
@@ -103,7 +103,7 @@ def force_slopes(y, z, x, v, c0, k0, c1, alpha, out):
     out[3], out[4], out[5] = share * (x - y), rate * c0 / (c0 + c1), share * z
 
 
-@njit()
+@njit(error_model="numpy")
 def spencer_tangents(x, v, current, h, substeps, theta, state):
     """Derivatives of `spencer_run` (arguments as there) in theta and in the first state: (15, N)."""
     c0a, c0b, k0, c1a, c1b, aa, ab, beta, gamma, delta, n, eta = theta

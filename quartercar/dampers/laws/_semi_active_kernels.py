@@ -14,7 +14,7 @@ from lpvid.toolkit import njit
 from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
 
 
-@njit()
+@njit(error_model="numpy")
 def delayed(u, k, q):
     """Current at q ≤ 0 samples after sample k, linear in between; before sample 0 it is that of sample 0."""
     j = min(math.floor(q.real), -1)
@@ -26,7 +26,7 @@ def delayed(u, k, q):
     return u[i % m] * (1.0 - w) + u[(i + 1) % m] * w
 
 
-@njit()
+@njit(error_model="numpy")
 def ramp(uf, u0, u1, dt, time):
     """T u̇_f + u_f = u over dt, exact for an input that is linear from u0 to u1."""
     r = dt / time
@@ -35,13 +35,13 @@ def ramp(uf, u0, u1, dt, time):
     return u1 + (uf - u0) * decay - (u1 - u0) * held
 
 
-@njit()
+@njit(error_model="numpy")
 def sense(v, width):
     """s(v) = ½ tanh(v/ε) + ½: 1 in rebound, 0 in compression; source 002, equation (5)."""
     return 0.5 * math.tanh(v / width) + 0.5
 
 
-@njit()
+@njit(error_model="numpy")
 def lag(uf, u, k, a, b, period, s, times, delays):
     """Advance u_f over the part a…b of the interval that ends at sample k.
 
@@ -71,7 +71,7 @@ def lag(uf, u, k, a, b, period, s, times, delays):
     return ramp(uf, u0, u1, (b - a) * period, time)
 
 
-@njit()
+@njit(error_model="numpy")
 def lagged(u, v, period, parts, width, times, delays):
     """(n,) u_f along a record, settled at its first sample."""
     out = np.empty(u.size, times.dtype)
@@ -86,7 +86,7 @@ def lagged(u, v, period, parts, width, times, delays):
     return out
 
 
-@njit()
+@njit(error_model="numpy")
 def place(nodes, value):
     """Segment and weight of a value between rising nodes, held beyond the ends."""
     last = nodes.size - 2
@@ -101,7 +101,7 @@ def place(nodes, value):
     return j, w
 
 
-@njit()
+@njit(error_model="numpy")
 def mixed(tables, nodes, s, uf, row):
     """Parameters at u_f and s into `row`: linear between nodes, s·rebound + (1 − s)·compression; equation (4)."""
     if nodes.size < 2:
@@ -115,14 +115,14 @@ def mixed(tables, nodes, s, uf, row):
         row[p] = (1.0 - w) * low + w * high  # low + w (high − low) rounds to 0 where low is 1e16 times high
 
 
-@njit()
+@njit(error_model="numpy")
 def bouc_wen_force(state, row, x, v, spring, preload):
     """Force of the extended Bouc-Wen model at a state: c_1 ẏ + gas; row: c_0, k_0, c_1, α, β, γ, δ."""
     rate = node_rate(state[1], state[2], x, v, row[0], row[1], row[2], row[3])
     return row[2] * rate + spring * x + preload
 
 
-@njit()
+@njit(error_model="numpy")
 def bouc_wen_step(state, row, u, k, x0, x1, v0, v1, period, parts, width, nodes, tables, times, delays, gas, n):
     """Advance state (u_f, y, z) in place from sample k − 1 to sample k; returns the force there."""
     h = period / parts
@@ -140,7 +140,7 @@ def bouc_wen_step(state, row, u, k, x0, x1, v0, v1, period, parts, width, nodes,
     return bouc_wen_force(state, row, x1, v1, gas[0], gas[1])
 
 
-@njit()
+@njit(error_model="numpy")
 def bouc_wen_run(x, v, u, period, parts, width, nodes, tables, times, delays, gas, n, state):
     """(n,) force of the extended Bouc-Wen model from a state (u_f, y, z), which is used up."""
     out = np.empty(x.size, tables.dtype)
@@ -153,7 +153,7 @@ def bouc_wen_run(x, v, u, period, parts, width, nodes, tables, times, delays, ga
     return out
 
 
-@njit()
+@njit(error_model="numpy")
 def map_force(v, uf, knots, nodes, table):
     """Bilinear look-up in table (nodes, knots): end slopes held in v, ends held in u."""
     j, w = 0, 0.0
@@ -169,7 +169,7 @@ def map_force(v, uf, knots, nodes, table):
     return low + weight * (high - low)
 
 
-@njit()
+@njit(error_model="numpy")
 def map_run(x, v, uf, knots, nodes, table, gas):
     """(n,) force of the map along a record."""
     out = np.empty(v.size, table.dtype)
@@ -178,14 +178,14 @@ def map_run(x, v, uf, knots, nodes, table, gas):
     return out
 
 
-@njit()
+@njit(error_model="numpy")
 def put(out, k, column, value):
     """Write into row k, where the column is one that is asked for."""
     if column >= 0:
         out[k, column] = value
 
 
-@njit()
+@njit(error_model="numpy")
 def map_columns(v, uf, knots, nodes, table, places, out, slope):
     """Weights of the table's entries into out (n, columns) of zeros, and ∂F/∂u_f into slope (n,).
 
@@ -213,7 +213,7 @@ def map_columns(v, uf, knots, nodes, table, places, out, slope):
             slope[k] = (high - low) / (nodes[i + 1] - nodes[i])
 
 
-@njit()
+@njit(error_model="numpy")
 def map_step(state, u, k, x1, v0, v1, period, parts, width, nodes, knots, table, times, delays, gas):
     """Advance state (u_f,) in place from sample k − 1 to sample k; returns the force there."""
     for i in range(parts):

@@ -11,7 +11,7 @@ from quartercar.dampers.laws._bouc_wen_tangents import INPUTS, advance_partials,
 from quartercar.dampers.laws._semi_active_kernels import delayed, mixed, place, sense
 
 
-@njit()
+@njit(error_model="numpy")
 def weights(nodes, s, uf, first, out):
     """∂row/∂table entry into out (2, rows): by direction and node."""
     out[:] = 0.0
@@ -26,7 +26,7 @@ def weights(nodes, s, uf, first, out):
             out[1, k] = s * share
 
 
-@njit()
+@njit(error_model="numpy")
 def slopes(nodes, tables, s, uf, out):
     """∂row/∂u_f into out (7,)."""
     out[:] = 0.0
@@ -38,7 +38,7 @@ def slopes(nodes, tables, s, uf, out):
         out[p] = rise / (nodes[j + 1] - nodes[j])
 
 
-@njit()
+@njit(error_model="numpy")
 def ramp_slopes(uf, u0, u1, dt, time):
     """`ramp` and its derivatives: u_f at the end, then in u_f, u_0, u_1, dt and T."""
     r = dt / time
@@ -51,14 +51,14 @@ def ramp_slopes(uf, u0, u1, dt, time):
     return u1 + (uf - u0) * decay - (u1 - u0) * held, decay, held - decay, 1.0 - held, steep / time, -steep * r / time
 
 
-@njit()
+@njit(error_model="numpy")
 def rise_of(u, k, q):
     """Derivative of `delayed` in q."""
     i = k + min(math.floor(q), -1)
     return 0.0 if i < 0 else u[(i + 1) % u.size] - u[i % u.size]
 
 
-@njit()
+@njit(error_model="numpy")
 def lag_tangents(uf, tangent, u, k, a, b, period, s, times, delays):
     """New u_f of `lag`, and its derivatives in (T, τ) (8,) in place: the chain rule through one ramp or two."""
     up = ((1.0 - s) * delays[0] + s * delays[2]) / period
@@ -95,7 +95,7 @@ def lag_tangents(uf, tangent, u, k, a, b, period, s, times, delays):
     return uf
 
 
-@njit()
+@njit(error_model="numpy")
 def lagged_tangents(u, v, period, parts, width, times, delays):
     """(8, n) derivatives of `lagged` in (T, τ)."""
     out, tangent = np.zeros((8, u.size)), np.zeros(8)
@@ -110,7 +110,7 @@ def lagged_tangents(u, v, period, parts, width, times, delays):
     return out
 
 
-@njit()
+@njit(error_model="numpy")
 def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, state, first, last):
     """Derivatives of the force in table entries (2, rows, 7, n), in T and τ (8, n), and in the first z (n,)."""
     rows, size = last - first + 1, x.size
@@ -167,7 +167,7 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
     return entries, lags, initial
 
 
-@njit()
+@njit(error_model="numpy")
 def carry(tangent, part, push_y, push_z):
     """Tangent (2,) of (y, z) over a step, in place."""
     dy = part[0, 0] * tangent[0] + part[0, 1] * tangent[1] + push_y

@@ -15,14 +15,14 @@ CLOSE = 1e-9
 """relative Newton step after which one further step ends the stage, at round-off in the real and the imaginary part"""
 
 
-@njit()
+@njit(error_model="numpy")
 def landau(f, w3, w4, w5):
     """(w_3 f + w_4 f³ + w_5 f⁵, its derivative)."""
     s = f * f
     return f * (w3 + s * (w4 + s * w5)), w3 + s * (3.0 * w4 + 5.0 * s * w5)
 
 
-@njit()
+@njit(error_model="numpy")
 def wang_kamath_run(v, h, substeps, theta, f, g):
     """Scaled force at every sample of w_1 f̈ + w_2 ḟ + w_3 f + w_4 f³ + w_5 f⁵ = v.
 
@@ -53,7 +53,7 @@ def wang_kamath_run(v, h, substeps, theta, f, g):
     return out
 
 
-@njit()
+@njit(error_model="numpy")
 def wang_kamath_step(f, g, v0, v1, h, count, theta):
     """(f, g) one sample later, for a velocity from v0 to v1 and theta (2, 5) at both ends, in `count` steps."""
     ah = GAMMA * h / count
@@ -65,7 +65,7 @@ def wang_kamath_step(f, g, v0, v1, h, count, theta):
     return f, g
 
 
-@njit()
+@njit(error_model="numpy")
 def _stage(f, g, v, ah, theta, share):
     """(f', g') with f' = f + a h g', w_1(g' − g) = a h [v − w_2 g' − P(f')], by guarded Newton steps in f'."""
     w1 = theta[0, 0] + share * (theta[1, 0] - theta[0, 0])

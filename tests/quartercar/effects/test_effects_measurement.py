@@ -10,8 +10,11 @@ from helpers.effect_signals import PERIOD, composed, guo, motion, nothing, road_
 from scipy.signal import bessel, bilinear, lfilter
 
 from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import _derived
+from lpvid.condition import resample
 from lpvid.effects.composition import Composition
 from lpvid.effects.extended import ExtendedModel
+from lpvid.record import Record
 from quartercar.effects.measurement import (
     DisplacementDelay,
     ForceClipping,
@@ -129,6 +132,31 @@ class TestOneSidedFilter:
         noise = recorded(1e-6 * rng.standard_normal(4096), 3e-4 * rng.standard_normal(4096))
         got = composed(OneSidedFilter(), [0.008, 0.7071, 0.0], noise, speed_itself)
         assert got.std() < 1.05 * noise["velocity"].std()
+
+    def test_what_noise_hides_is_as_late_as_the_rest(self, rng: np.random.Generator) -> None:
+        """A sine of an amplitude below twice the noise of its band is not amplified, and is earlier by the phase."""
+        t, values = PERIOD * np.arange(4096), [0.008, 0.7071, 0.0]
+        noise = 0.01 * rng.standard_normal(t.size)
+        at = 60.0
+        hidden, plain = (composed(OneSidedFilter(), values, recorded(noise, noise + size * np.sin(2 * np.pi * at * t)),
+                                  speed_itself) for size in (2e-4, 0.0))
+        turn = np.exp(-2j * np.pi * at * t)
+        s = 2j * np.pi * at
+        wanted = 1 + 2 * values[1] * values[0] * s + (values[0] * s) ** 2
+        found = 2j * np.mean((hidden - plain)[256:-256] * turn[256:-256]) / 2e-4
+        assert found == pytest.approx(wanted / abs(wanted), abs=0.1)
+
+    def test_a_velocity_that_was_derived_is_found_after_decimation(self, rng: np.random.Generator) -> None:
+        """The filter of the decimation takes the top of the band away; its noise then counted as motion."""
+        t = np.arange(8192) / 1000.0
+        x = 0.01 * np.sin(2 * np.pi * 1.7 * t) + 1e-5 * rng.standard_normal(t.size)
+        record = Record({"displacement": x, "velocity": np.gradient(x, t)}, sample_time=t[1])
+        for rate in (1000.0, 250.0):
+            found = resample(record, rate)
+            s = Signals(1 / rate, {n: found[n] for n in ("displacement", "velocity")}, found["velocity"])
+            assert _derived(s, "velocity", "displacement")
+            separate = s.replace(velocity=s["velocity"] + 0.05 * rng.standard_normal(s.n_samples))
+            assert not _derived(separate, "velocity", "displacement")
 
 
 class TestZeroAndRange:
