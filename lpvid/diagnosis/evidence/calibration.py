@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.evidence.laplace import EvaluatedSet
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet, WeighedSets
 from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
 
@@ -35,7 +35,7 @@ class Support:
     against: float
 
     @classmethod
-    def of(cls, sets: Sequence[tuple[EvaluatedSet, float]], match: Matcher) -> Support:
+    def of(cls, sets: WeighedSets, match: Matcher) -> Support:
         """From all visited sets.
 
         Parameters
@@ -104,7 +104,7 @@ def match_family(name: str) -> Matcher:
     return lambda w: next((e for e in w.effects if e.family == name), None)
 
 
-def component_support(sets: Sequence[tuple[EvaluatedSet, float]]) -> dict[str, Support]:
+def component_support(sets: WeighedSets) -> dict[str, Support]:
     """Support for every component that some set holds, in any form; the most probable first.
 
     Parameters

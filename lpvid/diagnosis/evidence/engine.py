@@ -18,10 +18,11 @@ from lpvid.diagnosis.budgets import LISTED, MOST_MEMBERS
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.evidence.calibration import component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
-from lpvid.diagnosis.evidence.laplace import EvidenceData
+from lpvid.diagnosis.evidence.laplace import EvidenceData, Names
+from lpvid.diagnosis.evidence.members import SelectedSet
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.selection import SelectedSet, on_all_samples, select_set
+from lpvid.diagnosis.evidence.selection import on_all_samples, select_set
 from lpvid.diagnosis.evidence.thinning import search_problem
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
@@ -130,7 +131,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
     screened = tuple(screen(problem, alone, directions(problem, alone, search.baseline_screening.changes),
                             np.random.default_rng(seed)))
     weights = {w.members: p for w, p in posterior(search)}
-    rejected: list[frozenset[str]] = []
+    rejected: list[Names] = []
     first = None
     while True:
         selected = _measured(search, rejected, records, baseline, report_progress)
@@ -146,7 +147,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             return first.diagnosis()
 
 
-def _measured(search: SetSearch, rejected: Sequence[frozenset[str]], records: Sequence[Record], baseline: Baseline,
+def _measured(search: SetSearch, rejected: Sequence[Names], records: Sequence[Record], baseline: Baseline,
               report_progress: Callable[[str], None]) -> SelectedSet:
     """The set to report, the rejected ones left out, refitted to all samples."""
     problem = search.problem

@@ -10,15 +10,8 @@ import numpy as np
 
 from lpvid.baselines.signals import Signals
 from lpvid.baselines.spectra import noisier
+from lpvid.diagnosis.evidence import priors
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, MarginalLikelihood, marginal
-from lpvid.diagnosis.evidence.priors import (
-    SHAPE_FACTOR,
-    determined_count,
-    deviation_penalty,
-    inclusion_prior,
-    shape_prior,
-    strength_prior,
-)
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.effects.effect import Effect
@@ -192,14 +185,14 @@ class EvaluatedSet:
         jacobian = self.projected_jacobian
         hessian = (self.curvature - jacobian.T @ (m.woodbury_weights[:, None] * jacobian)) * (kappa / m.noise)
         curvature, shapes = np.diag(hessian).clip(0), ~integrated
-        prior += deviation_penalty(deviation, precision, curvature) - \
-            determined_count(curvature[shapes], precision[shapes])
+        prior += priors.deviation_penalty(deviation, precision, curvature) - \
+            priors.determined_count(curvature[shapes], precision[shapes])
         hessian = hessian + np.diag(precision)
         effective = np.diag(hessian) > TINY  # a parameter of 1e200 without effect is in every set alike
         law, integrated = effective & (np.arange(precision.size) < self.fit.composition.own), effective & integrated
         gaussian = 0.5 * np.log(2 * np.pi) * (integrated.sum() - law.sum())
         log_volume = gaussian - 0.5 * (_log_determinant(hessian, integrated) - _log_determinant(hessian, law))
-        evidence = m.likelihood + prior + log_volume + sum(map(inclusion_prior, self.effects))
+        evidence = m.likelihood + prior + log_volume + sum(map(priors.inclusion_prior, self.effects))
         return evidence if np.isfinite(evidence) else -np.inf  # sensitivities explode: the determinant is lost
 
     @cached_property
@@ -208,17 +201,17 @@ class EvaluatedSet:
         composition, vector = self.fit.composition, self.fit.vector
         total, precision = 0.0, np.zeros(vector.size)
         deviation, integrated = np.zeros(vector.size), np.full(vector.size, True)
-        precision[: composition.own] = (1 / SHAPE_FACTOR / composition.scales[: composition.own]) ** 2
+        precision[: composition.own] = (1 / priors.SHAPE_FACTOR / composition.scales[: composition.own]) ** 2
         output_norm = self.data.discrepancy.output_rms * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
             points = self.data.grid_points[effect.name]
             for k, (p, j) in enumerate(zip(effect.parameters, range(place.start, place.stop), strict=True)):
                 if k >= effect.strengths:
-                    deviation[j], curvature = shape_prior(p, float(vector[j]), np.unique(points[:, k]).tolist())
+                    deviation[j], curvature = priors.shape_prior(p, float(vector[j]), np.unique(points[:, k]).tolist())
                     value, integrated[j] = 0.0, False
                 else:
                     distance = float(vector[j]) - p.neutral
-                    value, curvature = strength_prior(*self._strength_change(j, distance, change, output_norm,
+                    value, curvature = priors.strength_prior(*self._strength_change(j, distance, change, output_norm,
                                                                              effect.strengths == 1))
                 total, precision[j] = total + value, curvature
         return total, deviation, precision, integrated
@@ -232,6 +225,12 @@ class EvaluatedSet:
         return change, change / abs(distance) if distance else slope
 
 
+Names = frozenset[str]
+"""of the effects of a set"""
+WeighedSets = Sequence[tuple[EvaluatedSet, float]]
+"""visited sets and their weights, the most probable first"""
+
+
 def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     """ln of the determinant of the chosen rows and columns, scaled for accuracy."""
     part = matrix[np.ix_(chosen, chosen)]
@@ -239,8 +238,7 @@ def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 
-def component_of(effect: Effect, values: np.ndarray, signals: Sequence[Signals],
-                 candidates: Sequence[Effect]) -> str:
+def component_of(effect: Effect, values: np.ndarray, signals: Sequence[Signals], candidates: Sequence[Effect]) -> str:
     """Name of the candidate of which an effect is a form at given parameters.
 
     Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a

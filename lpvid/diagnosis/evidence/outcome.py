@@ -25,9 +25,9 @@ from lpvid.diagnosis.diagnosis import (
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
+from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, least_change
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.selection import SelectedSet, SetMember, least_change
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import ErrorRegime, localise, spectrum_lines
 from lpvid.diagnosis.noise import NoiseLevel, noise_level

@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.evidence.calibration import Matcher, Support, match_component
 from lpvid.diagnosis.evidence.effective_samples import sensor_noise_share
-from lpvid.diagnosis.evidence.laplace import EvaluatedSet
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet, WeighedSets
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.effects.effect import Effect
@@ -23,8 +23,7 @@ SIGNIFICANT = 1 - LEVEL
 nothing is named; weight, and likelihood by the error alone, from which a rival is listed"""
 
 
-def reported_name(effect: Effect, component: str, sets: Sequence[tuple[EvaluatedSet, float]]
-                  ) -> tuple[str, Matcher, Support]:
+def reported_name(effect: Effect, component: str, sets: WeighedSets) -> tuple[str, Matcher, Support]:
     """The name under which an effect is reported, its matcher and its support.
 
     A special form is named where it is probable enough, else its component, where that is: where a current rises and
@@ -55,8 +54,7 @@ def reported_name(effect: Effect, component: str, sets: Sequence[tuple[Evaluated
     return effect.name, match_form(effect), form
 
 
-def name_in(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], w: EvaluatedSet, effect: Effect
-            ) -> tuple[str, Matcher, Support]:
+def name_in(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, effect: Effect) -> tuple[str, Matcher, Support]:
     """The name under which an effect of a set is reported: `reported_name`, unless the error contradicts that.
 
     An effect reduces to a simpler one (`Effect.comes_to`) where other parameters compensate the rest: an orifice that
@@ -105,7 +103,7 @@ def match_form(effect: Effect) -> Matcher:
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
 
 
-def rivals_beside(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect,
+def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effect: Effect,
                   values: np.ndarray) -> tuple[tuple[str, float], ...]:
     """Effects listed with a member of a set, or in its place, with their probabilities.
 
@@ -134,7 +132,7 @@ def rivals_beside(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]],
     return found
 
 
-def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect
+def _equally_likely(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effect: Effect
                     ) -> tuple[tuple[str, float], ...]:
     """Effects that can replace one at nearly the same error, whatever the weight of the sets that hold them.
 
@@ -172,7 +170,7 @@ def _equally_likely(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]
     return tuple(found.items())
 
 
-def _replacements(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, component: str
+def _replacements(sets: WeighedSets, best: EvaluatedSet, component: str
                   ) -> list[tuple[list[tuple[Effect, str]], EvaluatedSet]]:
     """Effects in the place of a component in other sets, with these sets: one effect, or two partners.
 
@@ -219,7 +217,7 @@ def _acts_as_one(effects: Sequence[Effect]) -> bool:
                                                        or effects[1].name in effects[0].partners))
 
 
-def _described_components(search: SetSearch, sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet,
+def _described_components(search: SetSearch, sets: WeighedSets, best: EvaluatedSet,
                           form: Effect, values: np.ndarray, listed: Collection[str]) -> tuple[tuple[str, float], ...]:
     """Candidates that a form describes too (`Effect.stands_for`), except those that are listed already."""
     known = {e.name for e in search.candidates} - {*best.components, *best.members, *listed}
@@ -255,7 +253,7 @@ def _match_any(*matchers: Matcher) -> Matcher:
     return lambda w: next((e for match in matchers if (e := match(w)) is not None), None)
 
 
-def _alternatives(sets: Sequence[tuple[EvaluatedSet, float]], best: EvaluatedSet, effect: Effect, match: Matcher
+def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: Matcher
                   ) -> tuple[tuple[str, float], ...]:
     """Alternatives to an effect, with their probabilities; none where all together are not probable enough.
 

@@ -26,8 +26,7 @@ FEWEST_STRETCHES = 4
 """stretches over all records at least, so that slow causes are detectable"""
 
 
-def search_problem(records: Sequence[Record], baseline: Baseline
-                   ) -> tuple[DiagnosisProblem, tuple[Signals, ...], int]:
+def search_problem(records: Sequence[Record], baseline: Baseline) -> tuple[DiagnosisProblem, tuple[Signals, ...], int]:
     """The problem of a search: few samples of the records.
 
     Parameters

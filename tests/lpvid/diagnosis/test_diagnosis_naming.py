@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from lpvid.baselines.signals import Signals
-from lpvid.diagnosis.evidence import rivals, selection
+from lpvid.diagnosis.evidence import rivals, weighed_sets
 from lpvid.diagnosis.evidence.calibration import match_component
+from lpvid.diagnosis.evidence.members import SetMember
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome, alternatives
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, reported_name
-from lpvid.diagnosis.evidence.selection import SetMember
 from lpvid.effects.effect import Effect
 from quartercar.effects import CATALOGUE
 from quartercar.effects.compliance import EntrainedAir
@@ -211,35 +211,35 @@ def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(m
     """Two sets with "dry" hold most weight. That a wave adds nothing to one of them says nothing against "dry"."""
     dry, spring, wave = part("dry"), SPRING, part("wave")
     sets = [of_cost(1.0, dry, wave), of_cost(1.2, spring), of_cost(1.1, dry), of_cost(2.0)]
-    monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.4, 0.35, 0.2, 0.05), strict=True)))
+    monkeypatch.setattr(weighed_sets, "posterior", lambda search: list(zip(sets, (0.4, 0.35, 0.2, 0.05), strict=True)))
     search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[3])
     smaller = {frozenset({"dry", "wave"}): frozenset({"dry"})}
-    found = [(set(w.members), p) for w, p in selection._confirmed_sets(search, (), smaller)]
+    found = [(set(w.members), p) for w, p in weighed_sets.confirmed_sets(search, (), smaller)]
     assert found[0] == ({"dry"}, pytest.approx(0.6)) and found[1] == ({"spring"}, pytest.approx(0.35))
     smaller = {frozenset({"dry", "wave"}): frozenset({"wave"})}  # never visited, nor is any cause within it
-    assert selection._confirmed_sets(search, (), smaller)[0] == (sets[1], pytest.approx(0.35 / 0.6))
+    assert weighed_sets.confirmed_sets(search, (), smaller)[0] == (sets[1], pytest.approx(0.35 / 0.6))
 
 
 def test_that_a_set_fails_out_of_fold_is_no_evidence_for_the_baseline_alone(monkeypatch):
     """Play with a spring seems as probable as friction and fails: friction against nothing is left."""
     dry, spring, play = part("dry"), SPRING, part("play")
     sets = [of_cost(1.0, play, spring), of_cost(1.1, dry), of_cost(2.0)]
-    monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.5, 0.45, 0.05), strict=True)))
+    monkeypatch.setattr(weighed_sets, "posterior", lambda search: list(zip(sets, (0.5, 0.45, 0.05), strict=True)))
     search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[2])
-    found = selection._confirmed_sets(search, (), {frozenset({"play", "spring"}): frozenset()})
+    found = weighed_sets.confirmed_sets(search, (), {frozenset({"play", "spring"}): frozenset()})
     assert found == [(sets[1], pytest.approx(0.9)), (sets[2], pytest.approx(0.1))]
     failed = {w.members: frozenset() for w in sets[:2]}
-    assert selection._confirmed_sets(search, (), failed) == [(sets[2], 1.0)]
+    assert weighed_sets.confirmed_sets(search, (), failed) == [(sets[2], 1.0)]
 
 
 def test_rejected_sets_leave_their_weight_to_smaller_ones_and_at_last_the_baseline(monkeypatch):
     dry, wave = part("dry"), part("wave")
     sets = [of_cost(1.0, dry, wave), of_cost(1.1, dry), of_cost(2.0)]
-    monkeypatch.setattr(selection, "posterior", lambda search: list(zip(sets, (0.9, 0.06, 0.04), strict=True)))
+    monkeypatch.setattr(weighed_sets, "posterior", lambda search: list(zip(sets, (0.9, 0.06, 0.04), strict=True)))
     search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[2])
-    assert selection._confirmed_sets(search, {sets[0].members}, {})[0] == (sets[1], pytest.approx(0.96))
+    assert weighed_sets.confirmed_sets(search, {sets[0].members}, {})[0] == (sets[1], pytest.approx(0.96))
     rejected = {w.members for w in sets}
-    assert selection._confirmed_sets(search, rejected, {}) == [(sets[2], 1.0)]
+    assert weighed_sets.confirmed_sets(search, rejected, {}) == [(sets[2], 1.0)]
 
 
 def test_sets_that_held_out_data_rejected_take_no_name():

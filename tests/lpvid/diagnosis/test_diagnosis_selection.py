@@ -12,10 +12,10 @@ from helpers.toy_diagnosis import Added, Bent, Cubic, Dry, Wave, record
 
 from lpvid.baselines.baseline import Coefficient
 from lpvid.diagnosis.budgets import MOST_MEMBERS
-from lpvid.diagnosis.evidence import engine, outcome, selection
+from lpvid.diagnosis.evidence import engine, members, outcome, selection, weighed_sets
 from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.evidence.members import LEAST_NAMED_CHANGE, NAMED_CHANGE, SelectedSet, SetMember
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.selection import LEAST_NAMED_CHANGE, NAMED_CHANGE, SelectedSet, SetMember
 from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.record import Channel, Record
 from lpvid.report.diagnosis import _cause_row
@@ -107,7 +107,7 @@ def test_a_set_that_further_data_do_not_confirm_is_replaced_by_the_next(contradi
         known = [search.visited[frozenset(n)] for n in (("dry", "wave"), ("dry",), ())]
         return sorted(zip(known, weights, strict=True), key=lambda t: -t[1])
 
-    monkeypatch.setattr(selection, "posterior", fixed)
+    monkeypatch.setattr(weighed_sets, "posterior", fixed)
     monkeypatch.setattr(engine, "posterior", fixed)
     monkeypatch.setattr(selection, "reported_set", lambda sets: next(w for w, _ in sets if "dry" in w.members))
     found = diagnose([training], Bent(), [Dry(), Wave()], held_out=[other])
@@ -163,7 +163,7 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
         beside[effect.name] = set(best.members)
         return ()
 
-    monkeypatch.setattr(selection, "posterior", weighed)
+    monkeypatch.setattr(weighed_sets, "posterior", weighed)
     monkeypatch.setattr(engine, "posterior", weighed)
     monkeypatch.setattr(selection, "rivals_beside", rivals_beside)
     found = diagnose([data], Bent(), [Dry(), Wave()])
@@ -192,7 +192,7 @@ def test_rivals_are_sought_in_the_most_probable_set_that_holds_a_cause():
     ({"valve": 3.0}, False),
 ])
 def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_set_to_report(here, kept):
-    assert selection._names_preserved(here, {"friction": 3.0}) is kept
+    assert members._names_preserved(here, {"friction": 3.0}) is kept
 
 
 @dataclass(frozen=True)
@@ -217,22 +217,22 @@ def test_names_come_from_the_weights_and_places_from_the_set_to_report():
 
     found = Chosen((part("friction", "friction"),))
     other = Chosen((part("inner-friction", "friction"), part("hysteresis", "friction", True), part("spring", "spring")))
-    assert [m.name for m in selection._named_alike(other, found).members] == ["friction", "hysteresis", "spring"]
+    assert [m.name for m in members.named_alike(other, found).members] == ["friction", "hysteresis", "spring"]
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_air_beside_a_spring_is_not_named_as_that_spring(order):
     """Air is named as a spring in series where its form is not sure; beside one, both had the same name."""
-    members = [part("air", "air", given="spring"), part("spring", "spring")][::order]
-    air = SimpleNamespace(effects=(members[0 if order > 0 else 1].effect,))
-    found = selection.named_once(members, [(air, 0.4), (SimpleNamespace(effects=()), 0.6)])
+    both = [part("air", "air", given="spring"), part("spring", "spring")][::order]
+    air = SimpleNamespace(effects=(both[0 if order > 0 else 1].effect,))
+    found = members.named_once(both, [(air, 0.4), (SimpleNamespace(effects=()), 0.6)])
     assert {m.effect.name: m.name for m in found} == {"air": "air", "spring": "spring"}
     assert {m.effect.name: m.weight for m in found} == {"air": 0.4, "spring": 0.9}
 
 
 def test_of_two_forms_of_a_component_that_is_not_there_itself_the_larger_has_its_name():
-    members = [part("air", "air", given="spring"), part("bush", "bush", given="spring")]
-    assert [m.name for m in selection.named_once(members, [(SimpleNamespace(effects=()), 1.0)])] == ["spring", "bush"]
+    both = [part("air", "air", given="spring"), part("bush", "bush", given="spring")]
+    assert [m.name for m in members.named_once(both, [(SimpleNamespace(effects=()), 1.0)])] == ["spring", "bush"]
 
 
 @pytest.mark.parametrize(("effect", "component", "name", "key"), [
@@ -245,13 +245,13 @@ def test_a_component_keeps_its_name_in_every_place(effect, component, name, key)
     member = SimpleNamespace(effect=part, name=name, cost=3.0, rivals=())
     selected = SimpleNamespace(root=SimpleNamespace(cost=4.0), cost_reduction=3.0, members=(member,),
                                reason_not_named=lambda m: None)
-    assert selection._named(selected) == {key: pytest.approx(np.log(4))}
+    assert members._named(selected) == {key: pytest.approx(np.log(4))}
 
 
 @pytest.mark.parametrize("hidden", [0.8, 0.0])
 def test_an_error_that_a_set_lowers_is_no_noise_where_nothing_is_probable(hidden, monkeypatch):
     """Where all weight is on the baseline alone, what a set takes away out of fold was no noise."""
-    monkeypatch.setattr(selection, "_confirmed_sets", lambda search, *_: [(search.visited[frozenset()], 1.0)])
+    monkeypatch.setattr(selection, "confirmed_sets", lambda search, *_: [(search.visited[frozenset()], 1.0)])
     run = record(np.random.default_rng(5), level=0.02 if hidden else 0.5, hidden=lambda u: hidden * np.sign(u))
     found = diagnose([run], Bent(), [Dry(), Cubic()])
     assert not found.causes and found.verdict == ("unexplained" if hidden else "nothing-to-explain")
@@ -280,7 +280,7 @@ def test_a_cause_without_which_no_evidence_is_defined_has_no_bic(monkeypatch):
 ])
 def test_a_change_too_small_to_be_named_is_no_unexplained_error_of_a_good_law(monkeypatch, acceptable, verdict, stated):
     data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u))
-    monkeypatch.setattr(selection, "LEAST_NAMED_CHANGE", 0.99)
+    monkeypatch.setattr(members, "LEAST_NAMED_CHANGE", 0.99)
     monkeypatch.setattr(outcome, "ACCEPTABLE_MISFIT", acceptable)
     found = diagnose([data], Bent(), [Dry()])
     assert found.verdict == verdict and stated in found.reason and not found.causes

@@ -1,0 +1,109 @@
+"""Weighed sets: the visited sets that are confirmed, their weights, and the one to report."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Names, WeighedSets
+from lpvid.diagnosis.evidence.rivals import match_form
+from lpvid.diagnosis.evidence.search import SetSearch
+from lpvid.diagnosis.evidence.visited import posterior
+from lpvid.validation.trust import LEVEL
+
+
+def confirmed_sets(search: SetSearch, rejected_sets: Collection[Names], smaller: Mapping[Names, Names]) -> WeighedSets:
+    """Visited sets and their weights, without the rejected ones; the baseline alone where no other is left.
+
+    Where some members of a set do not lower the error out of fold, its weight goes to the set without them, or to the
+    largest visited subset of that: to drop it would lower the weight of its other members too. So does that of a
+    rejected set. Where no visited set with a cause is left it is dropped: that it fails is no evidence for the baseline
+    alone.
+
+    Parameters
+    ----------
+    search : SetSearch
+    rejected_sets : collection of frozenset of str
+        Sets with no lower error on further records than the baseline.
+    smaller : mapping of frozenset of str to frozenset of str
+        Sets of which some members do not lower the error out of fold, and the sets without these.
+
+    Returns
+    -------
+    sequence of (EvaluatedSet, float)
+    """
+    visited = {w.members: w for w, _ in posterior(search)}
+    weights = {members: 0.0 for members in visited if members not in smaller and members not in rejected_sets}
+    for w, p in posterior(search):
+        members = w.members
+        while members in smaller:
+            members = smaller[members]
+        within = [m for m in weights if m <= members and (m or not w.members)]
+        if within:
+            weights[max(within, key=len)] += p
+    total = sum(weights.values())
+    if total <= 0:
+        return [(search.root, 1.0)]
+    return sorted(((visited[m], p / total) for m, p in weights.items()), key=lambda t: -t[1])
+
+
+def reported_set(sets: WeighedSets) -> EvaluatedSet:
+    """The set to report: of the most probable components, in the forms that are sure.
+
+    The weights of sets with the same components in different forms are added. The components are those that are more
+    probable than not, if a visited set holds exactly these: the median probability model, which predicts best among
+    single sets (Barbieri and Berger 2004). Otherwise, or where no component is so probable, they are those of the most
+    probable set that holds all of these: else the baseline alone could come before rivals that share a weight. Of the
+    sets of these components it is the most probable one whose special forms are all sure, else the most probable one.
+
+    Parameters
+    ----------
+    sets : sequence of (EvaluatedSet, float)
+        With their probabilities, the most probable first.
+
+    Returns
+    -------
+    EvaluatedSet
+    """
+    weights = component_weights(sets)
+    median = frozenset(c for components in weights for c in components
+                       if sum(p for k, p in weights.items() if c in k) > 0.5)
+    larger = [k for k in weights if median <= k] or list(weights)
+    components = median if median and median in weights else max(larger, key=lambda k: weights[k])
+    forms = [w for w, _ in sets if frozenset(w.components) == components]
+    return next((w for w in forms if forms_sure(w, sets, weights)), forms[0])
+
+
+def component_weights(sets: WeighedSets) -> dict[Names, float]:
+    """Weight of every set of components, in any forms.
+
+    Parameters
+    ----------
+    sets : sequence of (EvaluatedSet, float)
+
+    Returns
+    -------
+    dict of frozenset of str to float
+    """
+    weights: dict[Names, float] = {}
+    for w, p in sets:
+        weights[frozenset(w.components)] = weights.get(frozenset(w.components), 0.0) + p
+    return weights
+
+
+def forms_sure(w: EvaluatedSet, sets: WeighedSets, weights: Mapping[Names, float]) -> bool:
+    """Whether the special forms in a set have all but `SIGNIFICANT` of the weight of its components.
+
+    Parameters
+    ----------
+    w : EvaluatedSet
+    sets : sequence of (EvaluatedSet, float)
+    weights : mapping of frozenset of str to float
+        As `component_weights` gives them.
+
+    Returns
+    -------
+    bool
+    """
+    return all(e.component == k or
+               sum(p for v, p in sets if match_form(e)(v) is not None) >= LEVEL * weights[frozenset(w.components)]
+               for e, k in zip(w.effects, w.components, strict=True))
