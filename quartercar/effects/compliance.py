@@ -13,6 +13,7 @@ from lpvid.baselines.signals import Core, Signals
 from lpvid.effects.effect import EffectParameter, GridEffect, LpvChange
 from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import POLYTROPIC
+from quartercar.effects.likeness import closer_to_sign
 from quartercar.effects.series import in_series
 from quartercar.effects.series_march import TAKE_UP
 
@@ -120,15 +121,13 @@ class EntrainedAir(SeriesElement):
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Play of 2 s from end to end, where D is closer to it than to a spring along the data.
+        """Play of 2 s from end to end, where D is closer to it than to a spring along the force about its mean.
 
-        ΣD/√N > Σ D|F|/√ΣF², F about its mean: the correlation of D sgn F with sgn F is above that with F. With forces
-        evenly distributed up to F_max, F_p < .15 F_max.
+        With forces evenly distributed up to F_max, F_p < .15 F_max.
         """
         force = np.concatenate([np.abs(s.output - s.output.mean()) for s in signals])
         deflection = 1.0 - (1.0 + force / float(values[1])) ** (-1 / POLYTROPIC)
-        as_play, as_spring = deflection.sum() * np.linalg.norm(force), deflection @ force * np.sqrt(force.size)
-        return ("backlash",) if as_play > as_spring else ()
+        return ("backlash",) if closer_to_sign(deflection, force) else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one more state: the force itself", order=1)

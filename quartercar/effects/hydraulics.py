@@ -14,6 +14,7 @@ from lpvid.baselines.signals import Core, Signals
 from lpvid.effects.effect import SPREAD, Effect, EffectParameter, LpvChange
 from lpvid.rounding import TINY
 from quartercar.effects.force_output import SAME_FORM, no_force
+from quartercar.effects.likeness import closer_to_sign
 from quartercar.effects.resonances import natural_frequencies
 from quartercar.effects.second_order import second_order
 from quartercar.effects.series import in_series
@@ -225,13 +226,10 @@ class InputNonlinearity(HydraulicEffect):
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Dry friction with another reversal, where |v|^n sgn v is closer to it than to a viscous loss along the data.
 
-        Σ|v|^n/√N > Σ|v|^(n+1)/√Σv²: its correlation with sgn v is above that with v. With speeds that are evenly
-        distributed, n < .37.
+        With speeds that are evenly distributed, n < .37.
         """
         speed = np.concatenate([np.abs(s["velocity"]) for s in signals])
-        power = speed ** float(values[0])
-        dry, viscous = power.sum() * np.linalg.norm(speed), power @ speed * np.sqrt(speed.size)
-        return ("coulomb-friction",) if dry > viscous else ()
+        return ("coulomb-friction",) if closer_to_sign(speed ** float(values[0]), speed) else ()
 
     def stands_for(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Turbulent losses where the force grows faster than the speed, valves that open where it grows less fast."""

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.signals import Core, Signals
 from lpvid.effects.effect import MOST_SIZES, EffectParameter, GridEffect, LpvChange
+from lpvid.rounding import TINY
 from quartercar.effects.force_output import no_force
 from quartercar.effects.friction_gas import CoulombFriction, ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect
@@ -86,9 +87,10 @@ class SaturatingDamping(HydraulicEffect):
         return ("relief-valve",)
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Dry friction, where it saturates within the speeds over which friction reverses."""
-        fastest = CoulombFriction().parameters[2].plausible[1]
-        return ("coulomb-friction",) if float(values[0]) * fastest >= 1 else ()
+        """Dry friction, where friction that reverses over the speed 1/q would not be listed with it."""
+        friction = CoulombFriction()
+        same = np.array([*friction.neutral[:2], 1 / max(float(values[0]), TINY)])
+        return () if self.name in friction.stands_for(same, signals) else (friction.name,)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))

@@ -23,7 +23,7 @@ from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, StribeckFriction
 from quartercar.effects.hydraulics import InputNonlinearity, QuadraticLoss, SeriesOrifice, ValveDynamics
 from quartercar.effects.hysteresis import BoucWenHysteresis
-from quartercar.effects.laws import CubicSpring
+from quartercar.effects.laws import CubicSpring, SaturatingDamping
 from quartercar.effects.measurement import DisplacementDelay, ForceDelay, OneSidedFilter
 from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance
 
@@ -161,6 +161,17 @@ def test_friction_that_turns_round_over_much_of_the_way_is_listed_with_valves() 
             assert CoulombFriction().stands_for(np.array([30.0, 0.0, turn]), records) == listed
     assert not CoulombFriction().stands_for(np.array([30.0, 0.0, 0.3]), (s, coarse))  # whatever the rates
     assert not CoulombFriction().stands_for(np.array([30.0, 0.0, 0.3]), (Signals(PERIOD, {"velocity": 0 * v}, 0 * v),))
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0, 10.0])
+def test_a_share_that_saturates_is_friction_or_is_listed_with_it(size: float) -> None:
+    """The two are the same function of the speed, c tanh(qv)/q, whatever the speeds of the record."""
+    v = size * np.sin(np.linspace(0, 20 * np.pi, SAMPLES))
+    s = Signals(PERIOD, {"velocity": v}, np.zeros(v.size))
+    for bend, found in ((0.4, ("coulomb-friction",)), (0.48, ())):
+        assert SaturatingDamping().comes_to(np.array([1 / (bend * size)]), (s,)) == found
+        assert bool(CoulombFriction().stands_for(np.array([30.0, 0.0, bend * size]), (s,))) is not bool(found)
+    assert not SaturatingDamping().comes_to(np.array([0.0]), (s,))
 
 
 def test_a_resonance_beyond_half_the_rate_is_listed_with_what_comes_late() -> None:
