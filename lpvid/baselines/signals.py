@@ -403,6 +403,22 @@ class Linearised(ABC):
 
 
 @dataclass(frozen=True, eq=False)
+class AlongTangent:
+    """A simulation with a parameter moved to first order, and the same run anew.
+
+    Attributes
+    ----------
+    run, whole : Core
+    """
+
+    run: Core
+    whole: Core
+
+    def __call__(self, s: Signals) -> np.ndarray:
+        return self.run(s)
+
+
+@dataclass(frozen=True, eq=False)
 class Remembered:
     """A simulation that runs once for each pair of signals and key; the last `REMEMBERED` are kept, read-only.
 

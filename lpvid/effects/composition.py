@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
-from lpvid.baselines.signals import Core, Linearised, Remembered, Signals
+from lpvid.baselines.signals import AlongTangent, Core, Linearised, Remembered, Signals
 from lpvid.effects.effect import STAGES, Effect
 from lpvid.record import Record
 from lpvid.rounding import EPS, STEP
@@ -348,14 +348,14 @@ class Composition:
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
         """The baseline with one parameter moved: along its derivative on these signals and on those made of them that
         are kept, run anew on any others. The two differ by the rounding of a difference."""
-        own = vector[: self.own]
+        own, whole = vector[: self.own], self.baseline.core(moved[: self.own])
         core = self._base(vector)
         slopes = Remembered(lambda s: np.asfortranarray(self.baseline.sensitivities(s, own)),
                             (self.baseline, "sensitivities", own.tobytes()))
 
         def run(s: Signals) -> np.ndarray:
             if s is not signals and not core.kept(s):
-                return self.baseline.core(moved[: self.own])(s)
+                return whole(s)
             return core(s) + (moved[j] - vector[j]) * slopes(s)[:, j]
 
-        return run
+        return AlongTangent(run, whole)

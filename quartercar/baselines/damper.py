@@ -97,12 +97,12 @@ class DamperBaseline(Baseline):
         return Signals(drive.sample_time, channels, drive.force, record.name)
 
     def core(self, vector: np.ndarray) -> Core:
-        return lambda s: self.damper.response(self._drive(s), vector)
+        return DamperCore(self, vector)
 
     def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
         if not self.static:  # each costs a search of its own
             return []
-        return list(self.damper.starts([self._drive(s) for s in signals], STARTS, np.random.default_rng(0)))
+        return list(self.damper.starts([self.drive(s) for s in signals], STARTS, np.random.default_rng(0)))
 
     def fit(self, records: Sequence[Record]) -> DamperBaseline:
         settings = ROUGH if isinstance(self.damper, LagDamper) else None
@@ -111,17 +111,40 @@ class DamperBaseline(Baseline):
         return DamperBaseline(found, sizes=sizes)  # type: ignore[arg-type]
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
-        return self.damper.jacobian(self._drive(signals), vector)
+        return self.damper.jacobian(self.drive(signals), vector)
 
-    def _drive(self, s: Signals) -> Drive:
-        return _drive(s, bool(self.apart))
+    def drive(self, s: Signals) -> Drive:
+        """Signals as a damper reads them, made once.
+
+        Parameters
+        ----------
+        s : Signals
+
+        Returns
+        -------
+        Drive
+        """
+        return s.cached("drive", lambda: _made(s, _rate(s) if self.apart else None))
 
     def to_dict(self) -> dict:
         return {"kind": "damper", "damper": self.damper.to_dict()}
 
 
-def _drive(s: Signals, moves_mass: bool) -> Drive:
-    return s.cached("drive", lambda: _made(s, _rate(s) if moves_mass else None))
+@dataclass(frozen=True, eq=False)
+class DamperCore:
+    """The simulation of a damper law alone, at a parameter vector.
+
+    Attributes
+    ----------
+    baseline : DamperBaseline
+    vector : (P,) array
+    """
+
+    baseline: DamperBaseline
+    vector: np.ndarray
+
+    def __call__(self, s: Signals) -> np.ndarray:
+        return self.baseline.damper.response(self.baseline.drive(s), self.vector)
 
 
 def _made(s: Signals, rate: np.ndarray | None) -> Drive:

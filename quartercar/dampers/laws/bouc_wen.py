@@ -240,8 +240,8 @@ class BoucWen(DynamicDamper):
         from quartercar.dampers.laws._bouc_wen_kernels import spencer_run
 
         theta, (stiffness, gas) = self.coefficients(vector)
-        force = spencer_run(drive.displacement, drive.velocity, self._command(drive), drive.sample_time,
-                            motion_steps(drive), theta, self._begun(drive, vector))
+        force = spencer_run(drive.displacement, drive.velocity, self.command(drive), drive.sample_time,
+                            motion_steps(drive), theta, self.begun(drive, vector))
         return force + stiffness * drive.displacement + gas
 
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
@@ -261,26 +261,45 @@ class BoucWen(DynamicDamper):
         from quartercar.dampers.laws._bouc_wen_tangents import spencer_tangents
 
         theta, _ = self.coefficients(vector)
-        along = spencer_tangents(drive.displacement, drive.velocity, self._command(drive), drive.sample_time,
-                                 motion_steps(drive), theta, self._begun(drive, vector))
+        along = spencer_tangents(drive.displacement, drive.velocity, self.command(drive), drive.sample_time,
+                                 motion_steps(drive), theta, self.begun(drive, vector))
 
         def inner(moved: np.ndarray) -> np.ndarray:
             shifted, springs = self.coefficients(moved)
-            return np.concatenate([shifted, self._begun(drive, moved), springs])
+            return np.concatenate([shifted, self.begun(drive, moved), springs])
 
         chain = np.empty((along.shape[0] + 2, len(columns)))
         for place, j in enumerate(columns):
             chain[:, place] = complex_slope(inner, vector, j)
         return along.T @ chain[:-2] + np.column_stack([drive.displacement, np.ones(drive.n_samples)]) @ chain[-2:]
 
-    def _command(self, drive: Drive) -> np.ndarray:
-        """(n,) current that counts; none where it is not read."""
+    def command(self, drive: Drive) -> np.ndarray:
+        """(n,) current that counts [A]; none where it is not read.
+
+        Parameters
+        ----------
+        drive : Drive
+
+        Returns
+        -------
+        (n,) array
+        """
         return np.maximum(drive.current, 0.0) if self.scheduled else np.zeros(drive.n_samples)
 
-    def _begun(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        """(3,) y, z and lagged current at the first sample."""
+    def begun(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """(3,) y [m], z and lagged current [A] at the first sample.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+
+        Returns
+        -------
+        (3,) array
+        """
         first = None if drive.force is None else float(drive.force[0])
-        state = self.rest(float(drive.displacement[0]), float(drive.velocity[0]), float(self._command(drive)[0]), first,
+        state = self.rest(float(drive.displacement[0]), float(drive.velocity[0]), float(self.command(drive)[0]), first,
                           vector)
         return state if self.scheduled else np.append(state, 0.0)
 
