@@ -28,8 +28,11 @@ def recorded(rng: np.random.Generator, samples: int = 6000) -> tuple[Record, np.
     return Record(channels, PERIOD, name="run", units={c: UNITS[c] for c in channels}), v
 
 
-@pytest.mark.parametrize("method", ["savitzky-golay", "central", "backward"])
-def test_noise_of_a_velocity_that_was_derived_is_told_from_motion(method: str, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(("method", "share"), [("savitzky-golay", 0.6), ("central", 1.1), ("backward", 0.6)])
+def test_noise_of_a_velocity_that_was_derived_is_told_from_motion(method: str, share: float, rng: np.random.Generator
+                                                                  ) -> None:
+    """Central differences pass no noise at the top of the band and even noise below, of which the level is then known
+    without the source too."""
     record, v = recorded(rng)
     derived = differentiate(record["displacement"], PERIOD, method=method)
     s = Signals(PERIOD, {"displacement": record["displacement"], "velocity": derived}, record["force"])
@@ -38,7 +41,7 @@ def test_noise_of_a_velocity_that_was_derived_is_told_from_motion(method: str, r
     inside = slice(100, -100)
     left, without_source, at_first = (float(np.std((got - exact)[inside])) for got in (
         without_noise(s, "velocity"), without_noise(alone, "velocity"), derived))
-    assert left < 0.4 * at_first and left < 0.6 * without_source
+    assert left < 0.4 * at_first and left < share * without_source
     assert left < 0.01 * v.std()
 
 

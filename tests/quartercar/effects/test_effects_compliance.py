@@ -11,12 +11,14 @@ from helpers.static_rig import named_or_listed, recorded, static_law
 from scipy.integrate import solve_ivp
 
 from lpvid.baselines.signals import Core, Signals
+from lpvid.effects.composition import Composition
 from lpvid.effects.scaling import Scales
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline
+from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.effects import _series_kernels
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance, SeriesElement
-from quartercar.effects.series import InSeries
+from quartercar.effects.series import BoucWenInSeries, InSeries, in_series
 from quartercar.effects.series_march import Elements
 
 ELEMENTS = (SeriesCompliance(), Backlash(), EntrainedAir())
@@ -244,6 +246,76 @@ def test_a_core_with_memory_is_followed_through_its_local_slope() -> None:
     turn = np.exp(-2j * math.pi * f * s.times[late])
     lag = np.angle(np.sum(s["velocity"][late] * turn) / np.sum(force[late] * turn)) / (2 * math.pi * f)
     assert lag == pytest.approx(held_back + c / k, rel=0.01)
+
+
+@pytest.mark.seconds
+@pytest.mark.parametrize(("soft", "stroke"), [(2.5e-6, 0.0), (3e-5, 0.0), (2e-6, 3e-4)])
+def test_a_bouc_wen_damper_in_series_follows_the_exact_solution(soft: float, stroke: float) -> None:
+    """Oracle: the whole as differential equations of y, z and F, by scipy, behind a spring and behind air."""
+    waves = [(0.004, 1.3, 0.3), (0.002, 3.1, 1.0), (0.0005, 7.7, 2.0)]
+
+    def motion(t: np.ndarray | float) -> tuple:
+        return (sum(a * np.sin(2 * math.pi * f * t + p) for a, f, p in waves),
+                sum(a * 2 * math.pi * f * np.cos(2 * math.pi * f * t + p) for a, f, p in waves))
+
+    t = np.arange(800) / 256.0
+    x, v = motion(t)
+    s = Signals(t[1], {"displacement": x, "velocity": v}, 0 * x, span=(0.0, 800 / 256.0))
+    damper = BoucWen(springs=True).all_free()
+    law = DamperBaseline(damper.with_values(gas_force=80.0))
+    elements = Elements(compliance=soft, air_stroke=stroke, air_force=300.0)
+    made = in_series(law.core(law.vector), law, compliance=soft, air_stroke=stroke, air_force=300.0)
+    assert isinstance(made, BoucWenInSeries)
+    theta, (k1, gas) = law.damper.coefficients(law.vector)
+    c0, _, k0, c1, _, alpha, _, beta, gamma, delta, n, _ = theta
+
+    def rate(time: float, state: np.ndarray) -> list[float]:
+        y, z, force = state
+        (x, v), over = motion(time), force - gas
+        size = abs(over)
+        air = stroke * (1 - (1 + size / 300.0) ** (-1 / 1.3))
+        inner = x - math.copysign(soft * size + air, over)
+        w = ((force - k1 * inner - gas) * (c0 + c1) / c1 - alpha * z - k0 * (inner - y)) / c0
+        node = (alpha * z + c0 * w + k0 * (inner - y)) / (c0 + c1)
+        slip = w - node
+        bent = gamma * abs(slip) * z * abs(z) ** (n - 1) + beta * slip * abs(z) ** n
+        softness = soft + stroke / (1.3 * 300.0) * (1 + size / 300.0) ** (-1 / 1.3 - 1)
+        return [node, delta * slip - bent, (v - w) / softness]
+
+    force = made(s)
+    y, z, _ = damper.begun(law.drive(s), law.vector)
+    begun = [y - elements.deflection(np.array([force[0] - gas]))[0], z, force[0]]
+    exact = solve_ivp(rate, (0, t[-1]), begun, "LSODA", t, rtol=1e-8, atol=[1e-10, 1e-8, 1e-5], max_step=t[1]).y[2]
+    rigid = law.core(law.vector)(s)
+    assert np.std(rigid - exact) > 0.2 * np.std(exact)
+    assert np.std(force - exact) < 3e-3 * np.std(exact)
+
+
+def test_a_bouc_wen_damper_in_series_with_little_is_itself_and_with_more_is_the_same_in_either_order() -> None:
+    s, law = sine(0.004, 3.0), DamperBaseline(BoucWen(springs=True))
+    core = law.core(law.vector)
+    rigid = core(s)
+    for more in ({"compliance": 1e-15}, {"play": 1e-12}, {"air_stroke": 1e-12}):
+        assert np.abs(in_series(core, law, **more)(s) - rigid).max() < 1e-6 * np.abs(rigid).max()
+    spring_first = in_series(in_series(core, law, compliance=1e-6), law, play=2e-4)
+    play_first = in_series(in_series(core, law, play=2e-4), law, compliance=1e-6)
+    np.testing.assert_array_equal(spring_first(s), play_first(s))
+    assert np.abs(spring_first(s) - rigid).max() > 0.05 * np.abs(rigid).max()
+    assert isinstance(in_series(spring_first, law, limit=100.0), InSeries), "cavitation is only approximated"
+    assert isinstance(in_series(lambda q: core(q) + 1.0, law, compliance=1e-6), InSeries), "so is what is not the law"
+
+
+def test_derivatives_of_a_bouc_wen_damper_in_series_are_those_of_whole_runs() -> None:
+    s, law = sine(0.004, 3.0), DamperBaseline(BoucWen(springs=True).with_values(gas_force=80.0))
+    composition = Composition(law, (SeriesCompliance(),))
+    vector = np.append(law.vector, 2e-6)
+    here = composition.predict(s, vector)
+    found = composition.sensitivities(s, vector, at=here)
+    for j, scale in enumerate(composition.scales):
+        moved = vector.copy()
+        moved[j] += 1e-5 * scale
+        wanted = (composition.predict(s, moved) - here) / (1e-5 * scale)
+        assert np.abs(found[:, j] - wanted).max() <= 1e-3 * np.abs(wanted).max()
 
 
 # -- the rig and the engine ------------------------------------------------------------------------------------------
