@@ -408,14 +408,30 @@ class AlongTangent:
 
     Attributes
     ----------
-    run, whole : Core
+    tangent, exact : Core
     """
 
-    run: Core
-    whole: Core
+    tangent: Core
+    exact: Core
 
     def __call__(self, s: Signals) -> np.ndarray:
-        return self.run(s)
+        return self.tangent(s)
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """A simulation with effects around a baseline, and that baseline alone.
+
+    Attributes
+    ----------
+    core, bare : Core
+    """
+
+    core: Core
+    bare: Core
+
+    def __call__(self, s: Signals) -> np.ndarray:
+        return self.core(s)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,9 +34,9 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, c from k = 1 on.
 
     In the frequency domain X G (w + (1 − w)/|G|), G = 1 + Σ_k c_k (jω)ᵏ, with Wiener's weight w = (S − 2N)₊/S: S is the
-    power, N the sensor's noise (the level at the top of the spectrum), doubled for safety. Where the weight is small G
-    would amplify little but noise, and corrects the phase alone: what there is of the motion is as late as the rest.
-    The ends are continued by linear prediction. On a clock `finer` times as fast the
+    power, N the sensor's noise (the level at the top of the spectrum), doubled for safety. Where the weight is small,
+    amplification would be of little but noise, and the phase alone is corrected: the motion there is as late as the
+    rest. The ends are continued by linear prediction. On a clock `finer` times as fast the
     channel is band-limited between its samples. A channel of few samples is unchanged.
 
     Parameters

@@ -6,6 +6,7 @@ import numpy as np
 
 from lpvid.condition.bandwidth import PASSED
 from lpvid.condition.resampling import true_runs
+from lpvid.rounding import TINY
 
 STRETCH, FEWEST = 1.0, 4
 """length of the stretches whose spectra are averaged at most [s], and how many there are at least"""
@@ -148,8 +149,8 @@ def top_of(frequency: np.ndarray, power: np.ndarray, finer: int = 1) -> np.ndarr
     """Power at the top of the band that was recorded, where there is noise alone.
 
     The upper `QUIET` of the band. Where that is not flat and the same share of the band that an anti-alias filter
-    passes (`PASSED`) is, the filter has removed the noise above: what it passes counts, as of a record that was
-    decimated.
+    passes (`PASSED`) is, without a trend, the filter has removed the noise above: what it passes counts, as of a record
+    that was decimated.
 
     Parameters
     ----------
@@ -167,10 +168,34 @@ def top_of(frequency: np.ndarray, power: np.ndarray, finer: int = 1) -> np.ndarr
     >>> white = np.ones(100)
     >>> top_of(frequency, white).size, float(np.median(top_of(frequency, np.where(frequency < 83, white, 0.0))))
     (30, 1.0)
+    >>> falling = (10 + frequency) ** -2.0  # a motion, not noise: its end counts
+    >>> bool(np.median(top_of(frequency, np.where(frequency < 83, falling, 0.0))) < np.median(falling[-30:]))
+    True
     """
     recorded = power[frequency <= frequency[-1] / finer]
     whole, passed = (part[-round(QUIET * part.size):] for part in (recorded, recorded[:round(PASSED * recorded.size)]))
-    return passed if is_flat(passed) and not is_flat(whole) else whole
+    return passed if is_flat(passed) and not has_trend(passed) and not is_flat(whole) else whole
+
+
+def has_trend(power: np.ndarray) -> bool:
+    """Whether the logarithm of a band's power changes with frequency beyond its scatter, as that of a motion does.
+
+    Its correlation r with the frequency is then beyond two standard errors, |r|√(n/2) > 2: behind Hann's window two
+    neighbours count as one.
+
+    Parameters
+    ----------
+    power : (m,) array
+        Positive.
+
+    Returns
+    -------
+    bool
+    """
+    level, place = np.log(power), np.arange(power.size)
+    level, place = level - level.mean(), place - place.mean()
+    r = float(level @ place) / max(float(np.linalg.norm(level) * np.linalg.norm(place)), TINY)
+    return abs(r) * float(np.sqrt(power.size / 2)) > 2
 
 
 def is_flat(power: np.ndarray) -> bool:

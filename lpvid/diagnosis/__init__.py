@@ -10,6 +10,7 @@
         evidence.laplace, .priors, .discrepancy         evidence of a set: model, priors, misfit of the law
         evidence.effective_samples, .relations          what an error counts as; which effects share a set
       evidence.selection, folds, remainder              the set to report, confirmed out of fold
+        evidence.weighed_sets, .members                 weights of what is confirmed; what of the set is named
       evidence.calibration, .rivals                     from weights to probabilities and names
       evidence.outcome, localise, estimates, intervals  the verdict
     diagnosis, experiments, interrupted                 the result, and what to measure next

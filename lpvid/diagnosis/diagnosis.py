@@ -22,7 +22,7 @@ VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain"
 
 @dataclass(frozen=True)
 class Estimated(Encoded):
-    """A fitted number with its standard error, SI; or a choice, with what it means.
+    """A number with its standard error, SI; or a choice, with what it means.
 
     Attributes
     ----------
@@ -35,6 +35,8 @@ class Estimated(Encoded):
         What the value means where it is a choice; None for a number.
     bound : {"lower", "upper"} or None
         End of the range of the search at which the value stands, so that it has no standard error; None inside.
+    held : bool
+        Whether it was not fitted.
     """
 
     name: str
@@ -43,12 +45,13 @@ class Estimated(Encoded):
     unit: str
     choice: str | None = field(default=None, metadata=UNWRITTEN)
     bound: str | None = field(default=None, metadata=UNWRITTEN)
+    held: bool = field(default=False, metadata=UNWRITTEN)
 
     def __str__(self) -> str:
         if self.choice is not None:
             return f"{self.name} {self.choice}"
         error = "" if self.std is None else f" ± {self.std:.2g}"
-        end = "" if self.bound is None else f" (its {self.bound} bound)"
+        end = " (held)" if self.held else "" if self.bound is None else f" (its {self.bound} bound)"
         return f"{self.name} {self.value:.4g}{error} {self.unit}".rstrip() + end
 
 

@@ -115,7 +115,7 @@ def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) 
         std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])
         value = float(values[k])
         choice = p.choice(value)
-        found.append(Estimated(p.name, value, std, p.unit, choice, None if choice else _bound(p, value, std)))
+        found.append(Estimated(p.name, value, std, p.unit, choice, None if choice else _bound(p, value, std), p.held))
     return tuple(found)
 
 

@@ -29,7 +29,7 @@ def start_points(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]
     Returns
     -------
     list of (k,) arrays
-        At most `MOST_STARTS`; the first values of the grid where nothing is visible.
+        At most `MOST_STARTS`; the first grid point where nothing is visible.
     """
     own = sorted((d for d in found if d.effect.name == effect.name and d.visible),
                   key=lambda d: d.gain, reverse=True)
@@ -42,8 +42,8 @@ def start_points(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]
         if len(chosen) < MOST_STARTS and d.gain > LEAST_GAIN_SHARE * own[0].gain and \
                 all(not np.allclose(values, c) for c in chosen):
             chosen.append(values)
-    return chosen or [effect.neutral + np.array([p.grid[0] - p.neutral if k == 0 else 0.0
-                                                 for k, p in enumerate(effect.parameters)])]
+    start = np.array([effect.parameters[0].grid[0], *effect.neutral[1:]])
+    return chosen or [d.values for d in found if d.effect.name == effect.name][:1] or [start]
 
 
 def scaled(d: Direction) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
-from lpvid.baselines.signals import AlongTangent, Core, Linearised, Remembered, Signals
+from lpvid.baselines.signals import AlongTangent, Around, Core, Linearised, Remembered, Signals
 from lpvid.effects.effect import STAGES, Effect
 from lpvid.record import Record
 from lpvid.rounding import EPS, STEP
@@ -171,8 +171,8 @@ class Composition:
     @property
     def chosen(self) -> np.ndarray:
         """(P,) bool: parameters that are not fitted: a choice, which has no derivative, or a number that is held."""
-        return np.array([False] * self.own + [bool(p.choices) or p.held for e in self.effects
-                                                               for p in e.parameters])
+        own = self.baseline.inner.chosen if isinstance(self.baseline, CompositionBaseline) else [False] * self.own
+        return np.array([*own, *(bool(p.choices) or p.held for e in self.effects for p in e.parameters)], dtype=bool)
 
     def core(self, vector: np.ndarray, given: Core | None = None) -> Core:
         """The whole simulation at a parameter vector; `given` replaces that of the baseline alone.
@@ -231,13 +231,15 @@ class Composition:
 
     def _around(self, core: Core, vector: np.ndarray, first: int, last: int, remember: bool) -> Core:
         """A core with some of the effects around it, by number."""
+        bare = core
         for k in range(first, last):
             effect, place = self.effects[k], self.places[k]
             if effect.stage == "inside":  # it changes parts of the simulation
                 core = core.core if isinstance(core, Remembered) else core
             elif remember and not isinstance(core, Remembered):
                 core = Remembered(core, (self.baseline, self.effects[:k], vector[: place.start].tobytes()))
-            core = effect.compose(core, vector[place], self.baseline)
+            composed = effect.compose(core, vector[place], self.baseline)
+            core = Around(composed, bare) if effect.stage == "core" and composed is not core else composed
         return core
 
     def predict(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
@@ -262,7 +264,7 @@ class Composition:
 
         Zero for a choice. Without effects, the baseline's own (exact) derivative; with effects, differences of these
         around it where the baseline's simulation has steps of its own. What lies inside a series element is moved to
-        first order along one run of it.
+        first order along one run of it, if it is `Linearised`.
 
         Parameters
         ----------

@@ -443,13 +443,14 @@ class Effect(ABC):
         -------
         dict
             The class attributes by name, and ``parameters``: a list of their names, units, descriptions (``says``),
-            neutral values and plausible ranges.
+            neutral values and plausible ranges, and ``held`` where one is not fitted.
         """
         return {"name": self.name, "title": self.title, "family": self.family, "stage": self.stage,
                 "equation": self.equation, "reference": self.reference, "experiment": self.experiment,
                 "needs": list(self.needs),
                 "parameters": [{"name": p.name, "unit": p.unit, "says": p.description, "neutral": p.neutral,
-                                "plausible": list(p.plausible)} for p in self.parameters]}
+                                "plausible": list(p.plausible), **({"held": True} if p.held else {})}
+                               for p in self.parameters]}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name})"

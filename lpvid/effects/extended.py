@@ -246,6 +246,10 @@ class ExtendedModel(Adaptable):
             raise InputError("an extended model has an effect twice", got=", ".join(e.name for e in effects))
         vector = composition.neutral
         size = baseline.vector.size
+        if len(data["baseline"]["vector"]) != size:
+            raise InputError(f"the baseline {baseline.name} of the extended model has {size} parameters here",
+                             got=f"{len(data['baseline']['vector'])} in the file", why="an effect in it got a "
+                             "parameter after the file was written", mend="diagnose its records again")
         vector[:size] = data["baseline"]["vector"]
         known = list(range(size))
         for effect, place in zip(composition.effects, composition.places, strict=True):

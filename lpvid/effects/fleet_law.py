@@ -200,10 +200,14 @@ class FleetEffect(Effect):
         return self.effect.form_of or self.effect.component
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [*self._other_strengths(), *self.effect.points(signals)]
+        return [*self._other_strengths(), *map(self._with_held, self.effect.points(signals))]
 
     def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
-        return [*self._other_strengths(), *self.effect.spread_points(signals, scale)]
+        return [*self._other_strengths(), *map(self._with_held, self.effect.spread_points(signals, scale))]
+
+    def _with_held(self, values: np.ndarray) -> np.ndarray:
+        """A point, with the fleet's values of what is not fitted."""
+        return np.where([p.held for p in self.parameters], self.values, values)
 
     def _other_strengths(self) -> list[np.ndarray]:
         """Points with the fleet's shapes and other strengths."""

@@ -210,7 +210,7 @@ def _cause_row(c: Cause) -> list[tuple[str, ...]]:
     rows = []
     for k, p in enumerate(c.parameters):
         end = f"at its {p.bound} bound" if p.bound else "at a bound"
-        interval = "a choice" if p.choice is not None else end if p.std is None else \
+        interval = "a choice" if p.choice is not None else "held" if p.held else end if p.std is None else \
             f"{number(p.value - QUANTILE * p.std)} … {number(p.value + QUANTILE * p.std)}"
         head = (c.name,) if k == 0 else ("",)
         tail = (_p_text(c.p_value), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),

@@ -45,32 +45,35 @@ def spencer_in_series(x, v, current, h, substeps, theta, springs, state, element
     y, z, u = state
     w = v[0]
     c1 = c1a + c1b * u
-    force = c1 * node_rate(y, z, x[0], w, c0a + c0b * u, k0, c1, aa + ab * u) + springs[0] * x[0] + springs[1]
-    d = _deflection(force, element)[0]
+    own = c1 * node_rate(y, z, x[0], w, c0a + c0b * u, k0, c1, aa + ab * u) + springs[1]
+    out[0] = _first(own, x[0], springs[0], element)
+    d = _deflection(out[0], element)[0]
     y -= d  # as relaxed as without the elements
-    out[0] = force
     for k in range(x.size - 1):
         count = substeps[k]
         step = h / count
-        decay = math.exp(-0.5 * step * eta)
+        half, early = math.exp(-0.5 * step * eta), math.exp(-GAMMA * step * eta)
         dx, dv, di = (x[k + 1] - x[k]) / count, (v[k + 1] - v[k]) / count, (current[k + 1] - current[k]) / count
         for j in range(count):
             now = current[k] + j * di
-            middle, after = now + 0.5 * di, now + di
+            first, middle, after = now + GAMMA * di, now + 0.5 * di, now + di
             if eta > 0.0:
                 behind = di / (step * eta)
-                middle += (u - now + behind) * decay - behind
-                after += (u - now + behind) * decay * decay - behind
+                first += (u - now + behind) * early - behind
+                middle += (u - now + behind) * half - behind
+                after += (u - now + behind) * half * half - behind
             c0, c1, alpha = c0a + c0b * middle, c1a + c1b * middle, aa + ab * middle
             ah = GAMMA * step
             place = j + GAMMA
-            w, slip, ahead, there = _behind(y, z, x[k] + place * dx, v[k] + place * dv, ah, d, w, c0, k0, c1, alpha,
-                                            beta, gamma, delta, n, springs, element, fine)
-            known = d + RATIO * (there - d)
+            there = c0a + c0b * first, c1a + c1b * first, aa + ab * first
+            w, slip, ahead, stretched = _behind(y, z, x[k] + place * dx, v[k] + place * dv, ah, d, w, c0, k0, c1,
+                                                alpha, beta, gamma, delta, n, there, springs, element, fine)
+            known = d + RATIO * (stretched - d)
             yb = y + RATIO * (ah * w - slip)
             zb = _capped(z, z + RATIO * (ahead - z), beta + gamma, delta, n)
-            w, slip, z, d = _behind(yb, zb, x[k] + (j + 1) * dx, v[k] + (j + 1) * dv, ah, known, w, c0, k0, c1, alpha,
-                                    beta, gamma, delta, n, springs, element, fine)
+            there = c0a + c0b * after, c1a + c1b * after, aa + ab * after
+            w, slip, z, d = _behind(yb, zb, x[k] + (j + 1) * dx, v[k] + (j + 1) * dv, ah, known, w, c0, k0, c1,
+                                    alpha, beta, gamma, delta, n, there, springs, element, fine)
             y = yb + ah * w - slip
             u = after
         c1, inner = c1a + c1b * u, x[k + 1] - d
@@ -79,13 +82,27 @@ def spencer_in_series(x, v, current, h, substeps, theta, springs, state, element
 
 
 @njit(error_model="numpy")
-def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, springs, element, fine):
+def _first(own, x, stiffness, element):
+    """Force F = own + k_1 (x − D(F − F_0)), between that without elements and that with the deflection of it."""
+    high = own + stiffness * x
+    low = high - stiffness * _deflection(high, element)[0]
+    for _ in range(ROUNDS):
+        middle = 0.5 * (low + high)
+        if own + stiffness * (x - _deflection(middle, element)[0]) - middle > 0.0:
+            low, high = (middle, high) if low < high else (low, middle)
+        else:
+            low, high = (low, middle) if low < high else (middle, high)
+    return 0.5 * (low + high)
+
+
+@njit(error_model="numpy")
+def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own, springs, element, fine):
     """Speed behind the elements at a stage, with the slip, state and deflection there: bracketed, then by secants.
 
     Illinois' rule (Dowell and Jarratt 1971, BIT 11, 168-174), and a halving where it leaves more than half a bracket.
     """
-    error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, springs,
-                                       element)
+    error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
+                                       springs, element)
     if error == 0.0 or not math.isfinite(error):
         return w, slip, ahead, d
     move = -error / (ah + soft * c0 * c1 / (c0 + c1))
@@ -93,8 +110,8 @@ def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, 
     below = above = error
     for _ in range(WIDENINGS):
         w += move
-        error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, springs,
-                                           element)
+        error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
+                                           springs, element)
         if error > 0.0:
             high, above = w, error
         else:
@@ -110,8 +127,8 @@ def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, 
         w = low + width * below / (below - above)
         if not low < w < high:
             w = low + 0.5 * width
-        error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, springs,
-                                           element)
+        error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
+                                           springs, element)
         if abs(error) <= ah * fine:  # the slope of the gap is a h at least
             break
         if error > 0.0:
@@ -125,7 +142,7 @@ def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, 
         if high - low > 0.5 * width:
             w = low + 0.5 * (high - low)
             error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n,
-                                               springs, element)
+                                               own, springs, element)
             if error > 0.0:
                 high, above = w, error
             else:
@@ -135,11 +152,15 @@ def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, 
 
 
 @njit(error_model="numpy")
-def _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, springs, element):
-    """D(F(w) − F_0) less the deflection of the motion at a speed w, D' there, and slip, state and deflection."""
+def _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own, springs, element):
+    """D(F(w) − F_0) less the deflection of the motion at a speed w, D' there, and slip, state and deflection.
+
+    The pair takes the parameters of the middle of its step; the force those of the stage, `own`: c_0, c_1 and α.
+    """
     d = known + ah * (v - w)
     inner = x - d
     slip, ahead = _stage(y, z, inner, w, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
-    force = c1 * node_rate(y + ah * w - slip, ahead, inner, w, c0, k0, c1, alpha) + springs[0] * inner + springs[1]
+    rate = node_rate(y + ah * w - slip, ahead, inner, w, own[0], k0, own[1], own[2])
+    force = own[1] * rate + springs[0] * inner + springs[1]
     under, soft = _deflection(force, element)
     return under - d, soft, slip, ahead, d

@@ -88,6 +88,8 @@ class SaturatingDamping(HydraulicEffect):
 
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Dry friction, where friction that reverses over the speed 1/q would not be listed with it."""
+        if not any(np.any(s["velocity"]) for s in signals):
+            return ()
         friction = CoulombFriction()
         same = np.array([*friction.neutral[:2], 1 / max(float(values[0]), TINY)])
         return () if self.name in friction.stands_for(same, signals) else (friction.name,)

@@ -1,4 +1,4 @@
-"""Likeness: whether an odd function along the data is closer to the sign of its variable or to the variable."""
+"""Likeness: whether an odd function of a signal is closer to the sign of that signal or to the signal."""
 
 from __future__ import annotations
 

@@ -17,9 +17,8 @@ STEEP = 3
 """steps of the march per sampling interval with air, play or cavitation, after a jump of the current and along a steep
 change of it; elsewhere 1"""
 
-
 TAKE_UP = 5.0
-"""force over which play is taken up where none is stated, as in models of version 0.1.0 [N]"""
+"""force over which play is taken up where none is stated, as in files without that number [N]"""
 TRACED = ("speed", "deflection", "force", "force over speed", "force over deflection")
 """what the trace of a march holds of every stage: w, the deflection at which the law was evaluated, F and its slopes,
 that over the speed −1 on the floor"""

@@ -18,7 +18,7 @@ from lpvid.diagnosis.budgets import LISTED, MOST_MEMBERS
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.evidence.calibration import component_support
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
-from lpvid.diagnosis.evidence.laplace import EvidenceData, Names
+from lpvid.diagnosis.evidence.laplace import EvidenceData, Members
 from lpvid.diagnosis.evidence.members import SelectedSet
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
 from lpvid.diagnosis.evidence.search import SetSearch
@@ -131,7 +131,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
     screened = tuple(screen(problem, alone, directions(problem, alone, search.baseline_screening.changes),
                             np.random.default_rng(seed)))
     weights = {w.members: p for w, p in posterior(search)}
-    rejected: list[Names] = []
+    rejected: list[Members] = []
     first = None
     while True:
         selected = _measured(search, rejected, records, baseline, report_progress)
@@ -147,7 +147,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             return first.diagnosis()
 
 
-def _measured(search: SetSearch, rejected: Sequence[Names], records: Sequence[Record], baseline: Baseline,
+def _measured(search: SetSearch, rejected: Sequence[Members], records: Sequence[Record], baseline: Baseline,
               report_progress: Callable[[str], None]) -> SelectedSet:
     """The set to report, the rejected ones left out, refitted to all samples."""
     problem = search.problem

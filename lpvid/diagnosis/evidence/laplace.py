@@ -57,7 +57,7 @@ class EvaluatedSet:
 
     @property
     def members(self) -> frozenset[str]:
-        """Names of its effects."""
+        """Members of its effects."""
         return self.fit.composition.members
 
     @property
@@ -211,8 +211,8 @@ class EvaluatedSet:
                     value, integrated[j] = 0.0, False
                 else:
                     distance = float(vector[j]) - p.neutral
-                    value, curvature = priors.strength_prior(*self._strength_change(j, distance, change, output_norm,
-                                                                             effect.strengths == 1))
+                    value, curvature = priors.strength_prior(
+                        *self._strength_change(j, distance, change, output_norm, effect.strengths == 1))
                 total, precision[j] = total + value, curvature
         return total, deviation, precision, integrated
 
@@ -225,8 +225,8 @@ class EvaluatedSet:
         return change, change / abs(distance) if distance else slope
 
 
-Names = frozenset[str]
-"""of the effects of a set"""
+Members = frozenset[str]
+"""names of the effects in a set"""
 WeighedSets = Sequence[tuple[EvaluatedSet, float]]
 """visited sets and their weights, the most probable first"""
 
@@ -241,8 +241,8 @@ def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
 def component_of(effect: Effect, values: np.ndarray, signals: Sequence[Signals], candidates: Sequence[Effect]) -> str:
     """Name of the candidate of which an effect is a form at given parameters.
 
-    Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a
-    spring. The weights of sets that differ in the form alone are added.
+    Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in the oil is
+    a spring or play. The weights of sets that differ in the form alone are added.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ class SelectedSet:
         Share of its squared error that the inputs predict.
     dropped : tuple of (str, str)
         Effects that did not lower the error out of fold, and the reason given.
-    sets : list of (EvaluatedSet, float)
+    sets : sequence of (EvaluatedSet, float)
         Visited sets and their weights, without those that were not confirmed.
     least_error_set : (tuple of str, float), optional
         Where the selected set is empty: the causes of the visited set of least error, and the error out of fold with
@@ -188,7 +188,7 @@ def named_once(members: list[SetMember], sets: WeighedSets) -> list[SetMember]:
     ----------
     members : list of SetMember
         Largest change first.
-    sets : list of (EvaluatedSet, float)
+    sets : sequence of (EvaluatedSet, float)
 
     Returns
     -------

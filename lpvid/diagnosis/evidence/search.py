@@ -13,10 +13,10 @@ from lpvid.baselines.repeats import Repeat
 from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import START_UP
 from lpvid.diagnosis.budgets import BEAM_WIDTH, ITERATIONS, MOST_MEMBERS, MOST_STARTS, REFITTED_STARTS
-from lpvid.diagnosis.evidence import candidates
+from lpvid.diagnosis.evidence import candidates as screenings
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUCTURED_SAMPLES_RANGE
-from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Names
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members
 from lpvid.diagnosis.evidence.relations import LAGGING, related
 from lpvid.diagnosis.evidence.visited import SEARCH_FACTOR, VisitedSets, posterior
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -52,13 +52,13 @@ class SetSearch(VisitedSets):
         The set beside whose misfit the errors are weighed.
     """
 
-    baseline_screening: candidates.BaselineScreening = field(default_factory=candidates.BaselineScreening)
-    enlarged: set[Names] = field(default_factory=set)
-    exchanged: set[Names] = field(default_factory=set)
+    baseline_screening: screenings.BaselineScreening = field(default_factory=screenings.BaselineScreening)
+    enlarged: set[Members] = field(default_factory=set)
+    exchanged: set[Members] = field(default_factory=set)
     recorded: tuple[Signals, ...] = ()
     repeated: tuple[Repeat, ...] = ()
     noise: Whitening | None = None
-    weighed_for: Names | None = None
+    weighed_for: Members | None = None
 
     def run(self, root: Refit) -> None:
         """Visit sets, starting from the baseline alone.
@@ -135,7 +135,7 @@ class SetSearch(VisitedSets):
         found = replace(self, data=data, visited={}, refitted_larger=set(), enlarged=set(), exchanged=set(), kappas=(),
                         alpha=SEARCH_FACTOR * STRUCTURED_SAMPLES, weighed_for=best.members,
                         # costs of lags differ
-                        baseline_screening=candidates.BaselineScreening(self.baseline_screening.changes))
+                        baseline_screening=screenings.BaselineScreening(self.baseline_screening.changes))
 
         def moved(w: EvaluatedSet) -> EvaluatedSet:
             fit = w.fit.on(weighed)
@@ -210,9 +210,9 @@ class SetSearch(VisitedSets):
         leader = ", ".join(sorted(best.members)) or "nothing"
         self.report_progress(f"enlarging {names} (best so far: {leader}, {share:.2f} of {len(self.visited)} sets)")
         if self.weighed_for is None and any(not w.members for w in sets):
-            self.baseline_screening = candidates.screen_beside_baseline(self)
-        for w, found in zip(sets, candidates.screen_beside_sets(self, self.baseline_screening, sets), strict=True):
-            chosen = [e for e, cost in candidates.by_predicted_gain(self, self.baseline_screening, w, found).items()
+            self.baseline_screening = screenings.screen_beside_baseline(self)
+        for w, found in zip(sets, screenings.screen_beside_sets(self, self.baseline_screening, sets), strict=True):
+            chosen = [e for e, cost in screenings.by_predicted_gain(self, self.baseline_screening, w, found).items()
                       if self.has_lower_cost(w.members | {e.name}, cost)]
             _ = w.fit.jacobian, self.root.fit.jacobian  # computed once, for all forks
             for child in self._children(w, chosen, found):
@@ -240,7 +240,7 @@ class SetSearch(VisitedSets):
 
         def refitted(pair: tuple[str, ...]) -> EvaluatedSet:
             composition = Composition(root.composition.baseline, tuple(names[n] for n in pair))
-            grids = [candidates.evenly_spaced(self.data.grid_points[n], MOST_STARTS) for n in pair]
+            grids = [screenings.evenly_spaced(self.data.grid_points[n], MOST_STARTS) for n in pair]
             vectors = [start_vector(composition, root, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
             costs = [self.cost_at(composition, v, basis) for v in vectors]
             best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
@@ -308,14 +308,14 @@ class SetSearch(VisitedSets):
             costs.append(float(error @ error - scaling_gain))
 
         found = []
-        if lag or self.deficit(min(costs), w.fit.cost) < candidates.MOST_DEFICIT:
+        if lag or self.deficit(min(costs), w.fit.cost) < screenings.MOST_DEFICIT:
             best = [vectors[k] for k in np.argsort(costs)[:REFITTED_STARTS]]
             found.append(self.best_refit(composition, best, w.fit, (inserted,), REFITTED_STARTS))
         own, root = slice(composition.own), self.root.fit
         if np.any(w.fit.at_bounds()[own] & ~root.at_bounds()[own]):
             restarted = [np.concatenate([root.vector[own], v[composition.own:]]) for v in vectors]
             first = self.best_refit(composition, [min(restarted, key=lambda v: self.cost_at(composition, v))], None)
-            if self.deficit(first.cost, w.fit.cost) < candidates.MOST_DEFICIT:
+            if self.deficit(first.cost, w.fit.cost) < screenings.MOST_DEFICIT:
                 first = refit(self.problem, composition, first.vector, iterations=2 * ITERATIONS)
             found.append(first)
         return self.evaluated(min(found, key=lambda f: f.cost)) if found else None

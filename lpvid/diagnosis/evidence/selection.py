@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
 from lpvid.baselines.budgets import LONG
 from lpvid.diagnosis.evidence.calibration import Support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Names, WeighedSets
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members, WeighedSets
 from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, keeps_names, named_alike, named_once, too_little
 from lpvid.diagnosis.evidence.rivals import SIGNIFICANT, name_in, rivals_beside
 from lpvid.diagnosis.evidence.search import SetSearch
@@ -25,14 +25,12 @@ from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
 from lpvid.validation.figures import gain_percent
 
-T = TypeVar("T")
-R = TypeVar("R")
 OUT_OF_FOLD = "out of fold"
 """key under which the folds of a fit are cached"""
 
 
 def select_set(search: SetSearch, report_progress: Callable[[str], None],
-               rejected_sets: Collection[Names] = ()) -> SelectedSet:
+               rejected_sets: Collection[Members] = ()) -> SelectedSet:
     """The most probable set, or one nearly as probable that predicts better and keeps its names, with its members.
 
     Every member of either lowers the error out of fold.
@@ -49,7 +47,7 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
     SelectedSet
     """
     root = search.root.fit
-    smaller: dict[Names, Names] = {}
+    smaller: dict[Members, Members] = {}
     dropped: dict[str, str] = {}
     fits = {frozenset(): root}
     while True:
@@ -72,7 +70,7 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
     return found
 
 
-def _ablated(search: SetSearch, fits: dict[Names, Refit], w: EvaluatedSet) -> tuple[list[Refit], set[str]]:
+def _ablated(search: SetSearch, fits: dict[Members, Refit], w: EvaluatedSet) -> tuple[list[Refit], set[str]]:
     """Refits of a set without each of its members, and the members without which its error out of fold is no higher."""
     fit = fits[w.members] = fits.get(w.members) or _refitted(search, w.fit.composition, w.fit, search.in_parallel)
     without = [Composition(fit.composition.baseline, tuple(e for e in w.effects if e is not one)) for one in w.effects]
@@ -82,7 +80,7 @@ def _ablated(search: SetSearch, fits: dict[Names, Refit], w: EvaluatedSet) -> tu
                        if not _lowers_error(search.problem, ablation, after)}
 
 
-def _assessed(search: SetSearch, fits: dict[Names, Refit], sets: WeighedSets, best: EvaluatedSet, w: EvaluatedSet,
+def _assessed(search: SetSearch, fits: dict[Members, Refit], sets: WeighedSets, best: EvaluatedSet, w: EvaluatedSet,
               ablations: Sequence[Refit], dropped: Mapping[str, str]) -> SelectedSet:
     """A set with its members assessed; `best` is the most probable set, of which the neighbours were visited."""
     problem, root, fit = search.problem, search.root.fit, fits[w.members]
@@ -102,7 +100,7 @@ def _assessed(search: SetSearch, fits: dict[Names, Refit], sets: WeighedSets, be
     return replace(selected, members=tuple(sorted(members, key=lambda m: -m.change)))
 
 
-def _changes_alone(search: SetSearch, fits: dict[Names, Refit], fit: Refit, effects: Sequence[Effect]
+def _changes_alone(search: SetSearch, fits: dict[Members, Refit], fit: Refit, effects: Sequence[Effect]
                    ) -> dict[str, float]:
     """Change of the output by each of some members with the others of them removed, as a share of the output's rms."""
     others = tuple(e for e in fit.composition.effects if e not in effects)
@@ -115,7 +113,7 @@ def _changes_alone(search: SetSearch, fits: dict[Names, Refit], fit: Refit, effe
             for e, one in zip(effects, ones, strict=True)}
 
 
-def _better_predicting(search: SetSearch, fits: dict[Names, Refit],
+def _better_predicting(search: SetSearch, fits: dict[Members, Refit],
                        sets: WeighedSets, best: EvaluatedSet) -> list[EvaluatedSet]:
     """Sets nearly as probable as the most probable one that have less error out of fold, the least first.
 
@@ -135,7 +133,7 @@ def _better_predicting(search: SetSearch, fits: dict[Names, Refit],
     return sorted(better, key=lambda w: _out_of_fold_cost(problem, fits[w.members]))
 
 
-def _least_error_set(search: SetSearch, fits: dict[Names, Refit]) -> tuple[tuple[str, ...], float] | None:
+def _least_error_set(search: SetSearch, fits: dict[Members, Refit]) -> tuple[tuple[str, ...], float] | None:
     """The visited set of least error, and its error out of fold; None where that is not notably lower."""
     problem, root = search.problem, fits[frozenset()]
     least = min((w for w in search.visited.values() if not w.at_bounds), key=lambda w: w.fit.cost)
@@ -165,7 +163,7 @@ def _refitted(search: SetSearch, composition: Composition, near: Refit,
     return min(in_parallel(lambda v: refit(search.problem, composition, v, rough=True), starts), key=lambda f: f.cost)
 
 
-def _cross_validate(search: SetSearch, fits: dict[Names, Refit], near: Refit, wanted: Sequence[Composition]) -> None:
+def _cross_validate(search: SetSearch, fits: dict[Members, Refit], near: Refit, wanted: Sequence[Composition]) -> None:
     """Refit compositions that are not yet among `fits`, and compute the errors out of fold of all."""
     def checked(composition: Composition) -> tuple[Refit | None, np.ndarray]:
         known = fits.get(composition.members)
@@ -204,7 +202,7 @@ def on_all_samples(search: SetSearch, selected: SelectedSet, problem: DiagnosisP
         _ = found.jacobian  # with which the refits to both folds begin
         return found
 
-    def of_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    def of_each(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
         """On every processor, or one after the other along many samples: each takes the memory of a Jacobian."""
         if problem.n_samples <= LONG:
             return search.in_parallel(function, items, (problem, weighed))

@@ -12,7 +12,7 @@ from lpvid._forks import in_forks
 from lpvid._projection import without
 from lpvid.diagnosis.budgets import COARSE_ITERATIONS, NEAR_ITERATIONS
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, EffectiveSamples, effective_samples
-from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, EvidenceData, Names, WeighedSets
+from lpvid.diagnosis.evidence.laplace import NEGLIGIBLE_CHANGE, EvaluatedSet, EvidenceData, Members, WeighedSets
 from lpvid.diagnosis.evidence.priors import misfit_prior
 from lpvid.diagnosis.evidence.relations import compatible
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -58,8 +58,8 @@ class VisitedSets:
     candidates: tuple[Effect, ...]
     channels: Sequence[str]
     report_progress: Callable[[str], None]
-    visited: dict[Names, EvaluatedSet] = field(default_factory=dict)
-    refitted_larger: set[Names] = field(default_factory=set)
+    visited: dict[Members, EvaluatedSet] = field(default_factory=dict)
+    refitted_larger: set[Members] = field(default_factory=set)
     effective: EffectiveSamples = field(default_factory=lambda: EffectiveSamples(1.0, 0.0, 0.0))
     alpha: float = SEARCH_FACTOR * STRUCTURED_SAMPLES
     kappas: tuple[float, ...] = ()
@@ -256,13 +256,13 @@ class VisitedSets:
             self.score(found)
         return found
 
-    def has_lower_cost(self, members: Names, cost: float) -> bool:
+    def has_lower_cost(self, members: Members, cost: float) -> bool:
         """Whether a squared error is below that of a visited set, or there is no such set.
 
         Parameters
         ----------
         members : frozenset of str
-            Names of the set's effects.
+            Members of the set's effects.
         cost : float
             Squared error.
 

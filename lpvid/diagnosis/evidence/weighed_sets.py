@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Names, WeighedSets
+from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members, WeighedSets
 from lpvid.diagnosis.evidence.rivals import match_form
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.validation.trust import LEVEL
 
 
-def confirmed_sets(search: SetSearch, rejected_sets: Collection[Names], smaller: Mapping[Names, Names]) -> WeighedSets:
+def confirmed_sets(search: SetSearch, rejected_sets: Collection[Members], smaller: Mapping[Members, Members]
+                   ) -> WeighedSets:
     """Visited sets and their weights, without the rejected ones; the baseline alone where no other is left.
 
     Where some members of a set do not lower the error out of fold, its weight goes to the set without them, or to the
@@ -73,7 +74,7 @@ def reported_set(sets: WeighedSets) -> EvaluatedSet:
     return next((w for w in forms if forms_sure(w, sets, weights)), forms[0])
 
 
-def component_weights(sets: WeighedSets) -> dict[Names, float]:
+def component_weights(sets: WeighedSets) -> dict[Members, float]:
     """Weight of every set of components, in any forms.
 
     Parameters
@@ -84,13 +85,13 @@ def component_weights(sets: WeighedSets) -> dict[Names, float]:
     -------
     dict of frozenset of str to float
     """
-    weights: dict[Names, float] = {}
+    weights: dict[Members, float] = {}
     for w, p in sets:
         weights[frozenset(w.components)] = weights.get(frozenset(w.components), 0.0) + p
     return weights
 
 
-def forms_sure(w: EvaluatedSet, sets: WeighedSets, weights: Mapping[Names, float]) -> bool:
+def forms_sure(w: EvaluatedSet, sets: WeighedSets, weights: Mapping[Members, float]) -> bool:
     """Whether the special forms in a set have all but `SIGNIFICANT` of the weight of its components.
 
     Parameters

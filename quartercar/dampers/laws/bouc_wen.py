@@ -241,7 +241,7 @@ class BoucWen(DynamicDamper):
 
         theta, (stiffness, gas) = self.coefficients(vector)
         force = spencer_run(drive.displacement, drive.velocity, self.command(drive), drive.sample_time,
-                            motion_steps(drive), theta, self.begun(drive, vector))
+                            motion_steps(drive), theta, self.initial_state(drive, vector))
         return force + stiffness * drive.displacement + gas
 
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
@@ -262,11 +262,11 @@ class BoucWen(DynamicDamper):
 
         theta, _ = self.coefficients(vector)
         along = spencer_tangents(drive.displacement, drive.velocity, self.command(drive), drive.sample_time,
-                                 motion_steps(drive), theta, self.begun(drive, vector))
+                                 motion_steps(drive), theta, self.initial_state(drive, vector))
 
         def inner(moved: np.ndarray) -> np.ndarray:
             shifted, springs = self.coefficients(moved)
-            return np.concatenate([shifted, self.begun(drive, moved), springs])
+            return np.concatenate([shifted, self.initial_state(drive, moved), springs])
 
         chain = np.empty((along.shape[0] + 2, len(columns)))
         for place, j in enumerate(columns):
@@ -286,7 +286,7 @@ class BoucWen(DynamicDamper):
         """
         return np.maximum(drive.current, 0.0) if self.scheduled else np.zeros(drive.n_samples)
 
-    def begun(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+    def initial_state(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         """(3,) y [m], z and lagged current [A] at the first sample.
 
         Parameters

@@ -49,12 +49,14 @@ def test_columns_inside_effects(names: tuple[str, ...], values: list[float], run
         assert np.linalg.norm(found[:, j] - exact) <= 1e-3 * float(np.linalg.norm(exact)), composition.names[j]
 
 
-@pytest.mark.parametrize("name", ["yield_displacement", "viscous_damping", "gas_stiffness", "current_rate"])
-def test_of_a_law_that_diverges_they_are_not_finite_and_nothing_is_raised(name: str) -> None:
-    """Warnings are errors here; the engine reads a result that is not finite as a large cost."""
+def test_of_a_law_that_diverges_no_number_is_made_up_and_nothing_is_raised() -> None:
+    """Warnings are errors here."""
     baseline = DamperBaseline(BoucWen(scheduled=True, springs=True).all_free())
-    place = [c.name for c in baseline.coefficients].index(name)
-    for size in (1e-300, 1e300):
-        vector = baseline.vector.copy()
-        vector[place] *= size
-        assert Composition(baseline, ()).sensitivities(signals(), vector).shape == (600, vector.size)
+    composition = Composition(baseline, (by_name(CATALOGUE)["series-compliance"],))
+    vector = np.append(baseline.vector, 1e-6)
+    vector[composition.names.index("gas_stiffness")] *= 1e300
+    found = composition.sensitivities(signals(), vector)
+    assert not np.any(np.isfinite(found) & (found != 0))
+    vector = baseline.vector.copy()
+    vector[composition.names.index("yield_displacement")] *= 1e-300  # divided by zero in the kernel
+    assert Composition(baseline, ()).sensitivities(signals(), vector).shape == (600, vector.size)

@@ -30,7 +30,7 @@ def motion(n: int = 3000) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
 
 
 def composed(names: tuple[str, ...], values: list[float]) -> tuple[Composition, np.ndarray]:
-    baseline = DamperBaseline(Linear(spring=False))
+    baseline = DamperBaseline(Linear(spring=False).with_values(damping=DAMPING, mass=MASS, offset=OFFSET))
     return Composition(baseline, tuple(CAUSES[n] for n in names)), np.array([DAMPING, MASS, OFFSET, *values])
 
 
@@ -67,7 +67,7 @@ def test_is_the_baseline_to_the_last_bit_without_them(names: tuple[str, ...], va
 def test_what_a_mass_changes_is_the_acceleration_whatever_is_in_series() -> None:
     t, x, v, a = motion(2000)
     s = Signals(PERIOD, {"velocity": v, "displacement": x}, 0 * t)
-    composition, vector = composed(("asymmetry", "series-compliance", "backlash"), [0.3, COMPLIANCE, 2e-4])
+    composition, vector = composed(("asymmetry", "series-compliance", "backlash"), [0.3, 2e-4, 5.0, COMPLIANCE])
     of_mass = composition.sensitivities(s, vector)[:, 1]
     np.testing.assert_allclose(of_mass[5:-5], a[5:-5], atol=0.01 * np.abs(a).max())
 
