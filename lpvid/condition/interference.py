@@ -192,7 +192,7 @@ def has_trend(power: np.ndarray) -> bool:
     -------
     bool
     """
-    level, place = np.log(power), np.arange(power.size)
+    level, place = np.log(np.maximum(power, TINY)), np.arange(power.size)
     level, place = level - level.mean(), place - place.mean()
     r = float(level @ place) / max(float(np.linalg.norm(level) * np.linalg.norm(place)), TINY)
     return abs(r) * float(np.sqrt(power.size / 2)) > 2

@@ -43,7 +43,7 @@ def open_questions(found: Diagnosis) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Members, each once.
+        Names, each once.
     """
     named = [n for r in found.rivals for n in r.names] + [c.name for c in found.cannot_tell]
     return tuple(dict.fromkeys(named))

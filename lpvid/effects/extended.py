@@ -248,8 +248,8 @@ class ExtendedModel(Adaptable):
         size = baseline.vector.size
         if len(data["baseline"]["vector"]) != size:
             raise InputError(f"the baseline {baseline.name} of the extended model has {size} parameters here",
-                             got=f"{len(data['baseline']['vector'])} in the file", why="an effect in it got a "
-                             "parameter after the file was written", mend="diagnose its records again")
+                             got=f"{len(data['baseline']['vector'])} in the file",
+                             why="a later version added a parameter", mend="diagnose its records again")
         vector[:size] = data["baseline"]["vector"]
         known = list(range(size))
         for effect, place in zip(composition.effects, composition.places, strict=True):

@@ -16,6 +16,7 @@ from lpvid.codec import encode
 from lpvid.effects.composition import ComposedBaseline, Composition
 from lpvid.effects.effect import Effect, EffectParameter, LpvChange
 from lpvid.effects.extended import ExtendedModel
+from lpvid.errors import InputError
 
 ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
          "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
@@ -163,10 +164,20 @@ class FleetLaw(ComposedBaseline):
         Returns
         -------
         FleetLaw
+
+        Raises
+        ------
+        InputError
+            A file of another version, in which an effect has fewer parameters.
         """
+        shared = ExtendedModel.from_dict(data["shared"])
+        if len(data["at"]) != shared.vector.size:
+            raise InputError(f"the fleet's law has {shared.vector.size} parameters here",
+                             got=f"{len(data['at'])} in the file", why="a later version added a parameter",
+                             mend="diagnose the fleet again")
         lower, upper = ([none if v is None else v for v in data[n]] for n, none in (("lower", -np.inf),
                                                                                     ("upper", np.inf)))
-        return cls(ExtendedModel.from_dict(data["shared"]), *(np.array(v, dtype=float) for v in (
+        return cls(shared, *(np.array(v, dtype=float) for v in (
             lower, upper, data["at"])))
 
 

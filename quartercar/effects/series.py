@@ -56,12 +56,14 @@ class BoucWenInSeries:
     """A Bouc-Wen damper with elements in series: its hysteresis follows the motion behind the elements.
 
     The equations of `InSeries` for a core with memory, integrated with the damper's own (`spencer_in_series`). What
-    acts between the damper and the elements, and cavitation, is the difference of two approximations::
+    acts between the damper and the elements is the difference of two approximations::
 
         F = InSeries(core) + exact(law) − InSeries(law)
 
-    which is continuous where it vanishes. The approximation alone is wrong by half of what a soft spring does. A run
-    costs 6 (spring) to 20 times (play) that of the damper alone; in derivatives the whole is run anew.
+    which is continuous where it vanishes. The approximation alone is wrong by half of what a soft spring does. Where
+    the fluid cavitates, the force is no less than the limit, and the void refills at once; without other elements it is
+    that of `InSeries`. A run costs 6 (spring) to 20 times (play) that of the damper alone; in derivatives the whole is
+    run anew.
 
     Attributes
     ----------
@@ -80,11 +82,18 @@ class BoucWenInSeries:
     elements: Elements
 
     def __call__(self, s: Signals) -> np.ndarray:
-        exact, endless = self._exact(s), replace(self.elements, limit=np.inf)
-        if self.core is self.law and self.elements == endless:
-            return exact
-        approximate = InSeries(self.core, self.elements, False)(s) - InSeries(self.law, endless, False)(s)
-        return approximate + exact
+        elements = replace(self.elements, limit=np.inf)
+        if not (elements.compliance or elements.air_stroke or elements.play):
+            return InSeries(self.core, self.elements, False)(s)
+        if self.core is self.law:
+            return np.maximum(self._exact(s), -self.elements.limit)
+
+        def correction() -> np.ndarray:
+            return self._exact(s) - InSeries(self.law, elements, False)(s)
+
+        behind = s.remembered("behind elements", (self.law.key, elements), correction) \
+            if isinstance(self.law, Remembered) else correction()
+        return np.maximum(InSeries(self.core, elements, False)(s) + behind, -self.elements.limit)
 
     def _exact(self, s: Signals) -> np.ndarray:
         """(n,) the damper alone with the elements in series, without cavitation."""
@@ -116,14 +125,21 @@ def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries | BoucW
     InSeries or BoucWenInSeries
         The latter where the baseline is a Bouc-Wen damper.
     """
-    inner = core.core if isinstance(core, Remembered) else core
+    inner = _unwrapped(core)
     if isinstance(inner, InSeries | BoucWenInSeries):
         core, elements = inner.core, replace(inner.elements, **more)
     else:
         elements = Elements(**more)
     law = inner.law if isinstance(inner, BoucWenInSeries) else inner.bare if isinstance(inner, Around) else core
-    damper = law.core if isinstance(law, Remembered) else law
-    damper = damper.exact if isinstance(damper, AlongTangent) else damper
+    damper = _unwrapped(law)
+    damper = _unwrapped(damper.exact) if isinstance(damper, AlongTangent) else damper
     if not (isinstance(damper, DamperCore) and isinstance(damper.baseline.damper, BoucWen)):
         return InSeries(core, elements, baseline.static)
     return BoucWenInSeries(core, law, damper, elements)
+
+
+def _unwrapped(core: Core) -> Core:
+    """A core whose simulations may be kept, itself."""
+    while isinstance(core, Remembered):
+        core = core.core
+    return core

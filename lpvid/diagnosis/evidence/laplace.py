@@ -57,7 +57,7 @@ class EvaluatedSet:
 
     @property
     def members(self) -> frozenset[str]:
-        """Members of its effects."""
+        """Names of its effects."""
         return self.fit.composition.members
 
     @property

@@ -262,7 +262,7 @@ class VisitedSets:
         Parameters
         ----------
         members : frozenset of str
-            Members of the set's effects.
+            Names of the set's effects.
         cost : float
             Squared error.
 

@@ -13,6 +13,7 @@ from lpvid.diagnosis.evidence.priors import inclusion_prior
 from lpvid.effects.composition import Composition
 from lpvid.effects.extended import ExtendedModel
 from lpvid.effects.fleet_law import FleetEffect, FleetLaw
+from lpvid.errors import InputError
 from lpvid.fleet.strengths import refitted, strengths
 from lpvid.record import Record
 
@@ -123,3 +124,12 @@ def test_strengths_of_a_file_are_compared_with_those_of_healthy_ones() -> None:
     assert found["cubic"]["here"] == [2 * SHARED] and found["dry"]["here"] == [1.0]
     assert np.allclose(found["cubic"]["healthy"], SHARED, rtol=0.2)
     assert np.abs(found["dry"]["healthy"]).max() < 0.2
+
+
+def test_a_file_with_fewer_parameters_is_refused_in_one_line() -> None:
+    """As of a version in which an effect had one parameter fewer: later ones would move by one place."""
+    data = fleet().to_dict()
+    shorter = data | {"at": data["at"][:-1], "lower": data["lower"][:-1], "upper": data["upper"][:-1]}
+    with pytest.raises(InputError, match="diagnose the fleet again"):
+        FleetLaw.from_dict(shorter)
+    np.testing.assert_array_equal(FleetLaw.from_dict(data).vector, fleet().vector)

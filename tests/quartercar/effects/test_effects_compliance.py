@@ -11,7 +11,7 @@ from helpers.effect_signals import road_like
 from helpers.static_rig import named_or_listed, recorded, static_law
 from scipy.integrate import solve_ivp
 
-from lpvid.baselines.signals import Core, Signals
+from lpvid.baselines.signals import Around, Core, Signals
 from lpvid.diagnosis.estimates import estimates
 from lpvid.diagnosis.evidence.priors import shape_prior
 from lpvid.effects.composition import Composition
@@ -380,6 +380,26 @@ def test_a_bouc_wen_damper_in_series_with_little_is_itself_and_with_more_is_the_
     np.testing.assert_array_equal(spring_first(s), play_first(s))
     assert np.abs(spring_first(s) - rigid).max() > 0.05 * np.abs(rigid).max()
     assert isinstance(in_series(DamperBaseline(dampers.model_class("kwok")()).core, law, play=1e-4), InSeries)
+
+
+def test_a_bouc_wen_damper_behind_a_spring_cavitates_at_the_limit_and_not_before() -> None:
+    s, law = sine(0.004, 3.0), DamperBaseline(BoucWen(springs=True))
+    core = law.core(law.vector)
+    exact = in_series(core, law, compliance=3e-6)(s)
+    for limit in (1.01 * -exact.min(), 0.5 * -exact.min()):
+        for made in (in_series(in_series(core, law, compliance=3e-6), law, limit=limit),
+                     in_series(Around(lambda q: core(q) + 0.0, core), law, compliance=3e-6, limit=limit)):
+            np.testing.assert_allclose(made(s), np.maximum(exact, -limit), atol=1e-9 * np.abs(exact).max())
+    assert in_series(core, law, limit=1e9)(s) == pytest.approx(core(s), abs=1e-3 * np.abs(exact).max())
+
+
+def test_a_bouc_wen_damper_inside_a_diagnosed_baseline_is_found() -> None:
+    s, law = sine(0.004, 3.0), DamperBaseline(BoucWen(springs=True))
+    inner = Composition(law, (Backlash(),))
+    model = ExtendedModel(inner, inner.neutral, np.eye(inner.neutral.size), ("velocity", "displacement"), {}, {})
+    around = Composition(ExtendedBaseline(model), (SeriesCompliance(),))
+    found = around.predict(s, np.append(inner.neutral, 3e-6))
+    np.testing.assert_array_equal(found, in_series(law.core(law.vector), law, compliance=3e-6)(s))
 
 
 def test_derivatives_of_a_bouc_wen_damper_in_series_are_those_of_whole_runs() -> None:
