@@ -14,7 +14,7 @@ from quartercar.baselines.damper import DamperCore
 from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.effects.series_march import Elements, SeriesMarch, empty_trace
-from quartercar.effects.series_tangent import near
+from quartercar.effects.series_tangent import changed, near
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +48,11 @@ class InSeries(SeriesMarch, Linearised):
         return self.march(s, rigid, self.law(s, rigid), empty_trace(0))
 
     def near(self, others: Sequence[Core]) -> list[Core]:
-        return near(self, others)
+        return near(self, others, changed)
 
 
 @dataclass(frozen=True, eq=False)
-class BoucWenInSeries:
+class BoucWenInSeries(Linearised):
     """A Bouc-Wen damper with elements in series: its hysteresis follows the motion behind the elements.
 
     The equations of `InSeries` for a core with memory, integrated with the damper's own (`spencer_in_series`). What
@@ -62,8 +62,7 @@ class BoucWenInSeries:
 
     which is continuous where it vanishes. The approximation alone is wrong by half of what a soft spring does. Where
     the fluid cavitates, the force is no less than the limit, and the void refills at once; without other elements it is
-    that of `InSeries`. A run costs 6 (spring) to 20 times (play) that of the damper alone; in derivatives the whole is
-    run anew.
+    that of `InSeries`. A run costs 6 (spring) to 20 times (play) that of the damper alone.
 
     Attributes
     ----------
@@ -95,18 +94,81 @@ class BoucWenInSeries:
             if isinstance(self.law, Remembered) else correction()
         return np.maximum(InSeries(self.core, elements, False)(s) + behind, -self.elements.limit)
 
+    def near(self, others: Sequence[Core]) -> list[Core]:
+        return near(self, others, _changed)
+
+    @property
+    def alone(self) -> bool:
+        """Whether nothing acts between the damper and the elements, and nothing cavitates."""
+        return self.core is self.law and not np.isfinite(self.elements.limit)
+
+    def numbers(self, s: Signals) -> np.ndarray:
+        """(17,) coefficients, springs and first state of the damper, for the kernels.
+
+        Parameters
+        ----------
+        s : Signals
+
+        Returns
+        -------
+        (17,) array
+        """
+        law, vector = self.damper.baseline.damper, self.damper.vector
+        assert isinstance(law, BoucWen)
+        return np.concatenate([*law.coefficients(vector), law.initial_state(self.damper.baseline.drive(s), vector)])
+
+    def motion(self, s: Signals) -> tuple:
+        """Motion, current, sample time and steps, for the kernels.
+
+        Parameters
+        ----------
+        s : Signals
+
+        Returns
+        -------
+        tuple
+        """
+        law, drive = self.damper.baseline.damper, self.damper.baseline.drive(s)
+        assert isinstance(law, BoucWen)
+        return drive.displacement, drive.velocity, law.command(drive), drive.sample_time, motion_steps(drive)
+
     def _exact(self, s: Signals) -> np.ndarray:
         """(n,) the damper alone with the elements in series, without cavitation."""
         from quartercar.effects._bouc_wen_series_kernels import spencer_in_series
 
-        law, drive, vector = self.damper.baseline.damper, self.damper.baseline.drive(s), self.damper.vector
-        assert isinstance(law, BoucWen)
-        theta, springs = law.coefficients(vector)
-        out = np.empty(s.n_samples)
-        spencer_in_series(drive.displacement, drive.velocity, law.command(drive), drive.sample_time,
-                          motion_steps(drive), theta, springs, law.initial_state(drive, vector),
-                          self.elements.numbers(springs[1]), STEP**2 * float(np.abs(drive.velocity).max()), out)
+        numbers, motion, out = self.numbers(s), self.motion(s), np.empty(s.n_samples)
+        spencer_in_series(*motion, *_split(numbers), self.elements.numbers(numbers[SPRINGS][1]), _fine(motion[1]), out)
         return out
+
+
+COEFFICIENTS, SPRINGS, STATE = slice(0, 12), slice(12, 14), slice(14, 17)
+"""places in the numbers of `BoucWenInSeries`"""
+
+
+def _split(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return numbers[COEFFICIENTS], numbers[SPRINGS], numbers[STATE]
+
+
+def _fine(velocity: np.ndarray) -> float:
+    """Error of the speed that is left [m/s]: the square of a difference's step."""
+    return STEP**2 * float(np.abs(velocity).max())
+
+
+def _changed(own: BoucWenInSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """(n,) a simulation, and the first-order changes from it to those others that are the damper alone in series."""
+    from quartercar.effects._bouc_wen_series_kernels import spencer_in_series_changes
+
+    near_ones = {j: o for j, o in enumerate(others) if isinstance(o, BoucWenInSeries) and o.alone}
+    if not own.alone or not near_ones:
+        return own(s), {}
+    numbers, motion = own.numbers(s), own.motion(s)
+    rest = numbers[SPRINGS][1]
+    more = np.array([o.numbers(s) - numbers for o in near_ones.values()])
+    elements = np.array([o.elements.numbers(rest) for o in near_ones.values()])
+    out, changes = np.empty(s.n_samples), np.empty((len(near_ones), s.n_samples))
+    spencer_in_series_changes(*motion, *_split(numbers), own.elements.numbers(rest), _fine(motion[1]), more, elements,
+                              out, changes)
+    return out, dict(zip(near_ones, changes, strict=True))
 
 
 def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries | BoucWenInSeries:

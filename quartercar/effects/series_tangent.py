@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
 from lpvid.baselines.budgets import LONG, REPLACED
-from lpvid.baselines.signals import Core, Remembered, Signals
+from lpvid.baselines.signals import Core, Linearised, Remembered, Signals
 from lpvid.toolkit import found_once
 from quartercar.effects.series_law import SAME, SEEN, Law, force_at_rest, with_memory
 from quartercar.effects.series_march import SeriesMarch, empty_trace
 
+Changes = Callable[[Any, Signals, Sequence[Core]], tuple[np.ndarray, dict[int, np.ndarray]]]
 
-def near(own: SeriesMarch, others: Sequence[Core]) -> list[Core]:
+
+def near(own: SeriesMarch | Linearised, others: Sequence[Core], changes: Changes) -> list[Core]:
     """Each of the others as the own simulation plus its first-order change.
 
     One that is not in series, or whose core at a stage of the march depends on other stages, is returned unchanged.
@@ -24,13 +27,15 @@ def near(own: SeriesMarch, others: Sequence[Core]) -> list[Core]:
     ----------
     own : SeriesMarch
     others : sequence of Core
+    changes : callable
+        From the own simulation, signals and the others to the (n,) output and the changes of those that have one.
 
     Returns
     -------
     list of Core
         One for each of the others.
     """
-    runs = _SeriesRuns(own, tuple(others))
+    runs = _SeriesRuns(own, tuple(others), changes)
     return [runs.core(j) if isinstance(other, type(own)) else other for j, other in enumerate(others)]
 
 
@@ -43,8 +48,9 @@ class _SeriesRuns:
         δF = ∂F/∂w δw − ∂F/∂x δd + δ_law,   δd = D'(F) δF + δD,   δḋ = −δw
     """
 
-    own: SeriesMarch
+    own: Any
     others: tuple[Core, ...]
+    changes: Changes
     kept: list[tuple[Signals, np.ndarray, dict[int, np.ndarray]]] = field(default_factory=list)
 
     def core(self, j: int) -> Core:
@@ -60,7 +66,7 @@ class _SeriesRuns:
         for signals, out, changes in self.kept:
             if _alike(signals, s):
                 return out, changes
-        out, changes = changed(self.own, s, self.others) if s.coarse is None else self._refined(s, s.coarse)
+        out, changes = self.changes(self.own, s, self.others) if s.coarse is None else self._refined(s, s.coarse)
         self.kept.append((s, out, changes))
         del self.kept[:-REPLACED]  # an effect around the series may run it along several signals
         return out, changes

@@ -402,17 +402,27 @@ def test_a_bouc_wen_damper_inside_a_diagnosed_baseline_is_found() -> None:
     np.testing.assert_array_equal(found, in_series(law.core(law.vector), law, compliance=3e-6)(s))
 
 
-def test_derivatives_of_a_bouc_wen_damper_in_series_are_those_of_whole_runs() -> None:
-    s, law = sine(0.004, 3.0), DamperBaseline(BoucWen(springs=True).with_values(gas_force=80.0))
-    composition = Composition(law, (SeriesCompliance(),))
-    vector = np.append(law.vector, 2e-6)
-    here = composition.predict(s, vector)
-    found = composition.sensitivities(s, vector, at=here)
-    for j, scale in enumerate(composition.scales):
-        moved = vector.copy()
-        moved[j] += 1e-5 * scale
-        wanted = (composition.predict(s, moved) - here) / (1e-5 * scale)
-        assert np.abs(found[:, j] - wanted).max() <= 1e-3 * np.abs(wanted).max()
+@pytest.mark.parametrize("values", [
+    {"series-compliance": [2e-6]}, {"backlash": [3e-4, 3.0]}, {"entrained-air": [3e-4, 300.0]},
+    {"coil-lag": [0.004], "series-compliance": [2e-6]}], ids=" ".join)
+def test_derivatives_of_a_bouc_wen_damper_in_series_are_those_of_whole_runs(values: dict[str, list[float]]) -> None:
+    """Along one run, by central differences of others: its own numbers, those of the elements and of a lag around."""
+    t = np.arange(400) / 256.0
+    x = 0.004 * np.sin(18.8 * t) + 0.002 * np.sin(4.1 * t)
+    v = 0.004 * 18.8 * np.cos(18.8 * t) + 0.002 * 4.1 * np.cos(4.1 * t)
+    s = Signals(t[1], {"displacement": x, "velocity": v, "current": np.where(np.sin(9 * t) > 0, 1.5, 0.2)}, 2000 * v,
+                span=(0.0, 400 / 256.0))
+    law = DamperBaseline(BoucWen(scheduled=True, springs=True).all_free().with_values(gas_force=80.0))
+    composition = Composition(law, tuple(e for e in CATALOGUE if e.name in values))
+    vector = composition.neutral
+    for effect, place in zip(composition.effects, composition.places, strict=True):
+        vector[place] = values[effect.name]
+    found = composition.sensitivities(s, vector)
+    for j in np.flatnonzero(~composition.chosen):
+        step = 1e-5 * composition.scales[j] * (np.arange(vector.size) == j)
+        wanted = (composition.predict(s, vector + step) - composition.predict(s, vector - step)) / (2 * step[j])
+        assert np.linalg.norm(found[:, j] - wanted) < 1e-3 * np.linalg.norm(wanted), composition.names[j]
+
 
 
 # -- the rig and the engine ------------------------------------------------------------------------------------------
