@@ -11,10 +11,8 @@ from quartercar.dampers.laws._bouc_wen_kernels import _capped, _stage, node_rate
 from quartercar.dampers.stepper import GAMMA, RATIO
 from quartercar.effects._series_kernels import _deflection
 
-WIDENINGS = 60
-"""doublings of a bracket: beyond, the run has diverged"""
 ROUNDS = 60
-"""halvings of a bracket, as many as a number has digits; three to six rounds are usual"""
+"""doublings and halvings of a bracket at most, as many as a number has digits; three to six rounds are usual"""
 
 
 @njit(error_model="numpy")
@@ -110,7 +108,7 @@ def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, 
     move = -error / (ah + soft * c0 * c1 / (c0 + c1))
     low = high = w
     below = above = error
-    for _ in range(WIDENINGS):
+    for _ in range(ROUNDS):
         w += move
         error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
                                            springs, element)

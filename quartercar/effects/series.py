@@ -102,8 +102,8 @@ class BoucWenInSeries(Linearised):
         """Whether nothing acts between the damper and the elements, and nothing cavitates."""
         return self.core is self.law and not np.isfinite(self.elements.limit)
 
-    def numbers(self, s: Signals) -> np.ndarray:
-        """(17,) coefficients, springs and first state of the damper, for the kernels.
+    def numbers(self, s: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the damper, for the kernels.
 
         Parameters
         ----------
@@ -111,11 +111,14 @@ class BoucWenInSeries(Linearised):
 
         Returns
         -------
-        (17,) array
+        coefficients : (12,) array
+        springs : (2,) array
+        state : (3,) array
+            At the first sample.
         """
         law, vector = self.damper.baseline.damper, self.damper.vector
         assert isinstance(law, BoucWen)
-        return np.concatenate([*law.coefficients(vector), law.initial_state(self.damper.baseline.drive(s), vector)])
+        return *law.coefficients(vector), law.initial_state(self.damper.baseline.drive(s), vector)
 
     def motion(self, s: Signals) -> tuple:
         """Motion, current, sample time and steps, for the kernels.
@@ -137,16 +140,9 @@ class BoucWenInSeries(Linearised):
         from quartercar.effects._bouc_wen_series_kernels import spencer_in_series
 
         numbers, motion, out = self.numbers(s), self.motion(s), np.empty(s.n_samples)
-        spencer_in_series(*motion, *_split(numbers), self.elements.numbers(numbers[SPRINGS][1]), _fine(motion[1]), out)
+        _, (_, rest), _ = numbers
+        spencer_in_series(*motion, *numbers, self.elements.numbers(rest), _fine(motion[1]), out)
         return out
-
-
-COEFFICIENTS, SPRINGS, STATE = slice(0, 12), slice(12, 14), slice(14, 17)
-"""places in the numbers of `BoucWenInSeries`"""
-
-
-def _split(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return numbers[COEFFICIENTS], numbers[SPRINGS], numbers[STATE]
 
 
 def _fine(velocity: np.ndarray) -> float:
@@ -162,11 +158,11 @@ def _changed(own: BoucWenInSeries, s: Signals, others: Sequence[Core]) -> tuple[
     if not own.alone or not near_ones:
         return own(s), {}
     numbers, motion = own.numbers(s), own.motion(s)
-    rest = numbers[SPRINGS][1]
-    more = np.array([o.numbers(s) - numbers for o in near_ones.values()])
+    _, (_, rest), _ = numbers
+    more = np.array([np.concatenate(o.numbers(s)) - np.concatenate(numbers) for o in near_ones.values()])
     elements = np.array([o.elements.numbers(rest) for o in near_ones.values()])
     out, changes = np.empty(s.n_samples), np.empty((len(near_ones), s.n_samples))
-    spencer_in_series_changes(*motion, *_split(numbers), own.elements.numbers(rest), _fine(motion[1]), more, elements,
+    spencer_in_series_changes(*motion, *numbers, own.elements.numbers(rest), _fine(motion[1]), more, elements,
                               out, changes)
     return out, dict(zip(near_ones, changes, strict=True))
 
