@@ -12,6 +12,7 @@ from helpers.toy_diagnosis import Added, Bent, Cubic, Dry, Wave, record
 
 from lpvid.baselines.baseline import Coefficient
 from lpvid.diagnosis.budgets import MOST_MEMBERS
+from lpvid.diagnosis.diagnosis import Estimated
 from lpvid.diagnosis.evidence import engine, members, outcome, selection, weighed_sets
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.members import LEAST_NAMED_CHANGE, NAMED_CHANGE, SelectedSet, SetMember
@@ -272,6 +273,9 @@ def test_a_cause_without_which_no_evidence_is_defined_has_no_bic(monkeypatch):
     assert [c.name for c in found.causes] == ["dry"] and found.causes[0].delta_bic is None
     assert json.loads(json.dumps(found.to_dict()))["causes"][0]["delta_bic"] is None
     assert _cause_row(found.causes[0])[0][5] == "–"
+    held = Estimated("take_up", 2.5, None, "N", held=True)
+    assert _cause_row(replace(found.causes[0], parameters=(held,)))[0][2:4] == ("2.5 N", "held")
+    assert str(held) == "take_up 2.5 N (held)"
 
 
 @pytest.mark.parametrize(("acceptable", "verdict", "stated"), [
