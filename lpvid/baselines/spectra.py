@@ -20,7 +20,7 @@ from lpvid.condition.interference import (
     stretch_samples,
     top_of,
 )
-from lpvid.rounding import EPS, TINY
+from lpvid.rounding import EPS
 
 LASTING = -math.log(EPS)
 """length of the transient of a low-pass, in time constants: until it is rounding"""
@@ -33,10 +33,9 @@ COHERENT = 0.5
 def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int = 1) -> np.ndarray:
     """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, c from k = 1 on.
 
-    In the frequency domain X G (w + (1 − w)/|G|), G = 1 + Σ_k c_k (jω)ᵏ, with Wiener's weight w = (S − 2N)₊/S: S is the
-    power, N the sensor's noise (the level at the top of the spectrum), doubled for safety. Where the weight is small,
-    amplification would be of little but noise, and the phase alone is corrected: the motion there is as late as the
-    rest. The ends are continued by linear prediction. On a clock `finer` times as fast the
+    x + Σ_k c_k dᵏx/dtᵏ, differentiated in the frequency domain with Wiener's weight (S − 2N)₊/S: S is the power, N the
+    sensor's noise (the level at the top of the spectrum), doubled for safety. Where the weight is small, the inverse
+    would amplify little but noise. The ends are continued by linear prediction. On a clock `finer` times as fast the
     channel is band-limited between its samples. A channel of few samples is unchanged.
 
     Parameters
@@ -53,11 +52,8 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     (n finer,) array
         In the unit of the channel; of fewer than `SHORT` samples each is repeated.
     """
-    def weights(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
-        inverse = 1 + sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
-        return inverse * (share + (1 - share) / np.maximum(np.abs(inverse), TINY))
-
-    return _weighed(s, channel, weights, finer)
+    return _weighed(s, channel, lambda omega, share: 1 + share * sum(c * (1j * omega) ** (k + 1)
+                                                                     for k, c in enumerate(factors)), finer)
 
 
 def derivative(s: Signals, channel: str) -> np.ndarray:
