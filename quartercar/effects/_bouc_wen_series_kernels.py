@@ -16,7 +16,7 @@ ROUNDS = 60
 
 
 @njit(error_model="numpy")
-def spencer_in_series(x, v, current, h, substeps, theta, springs, state, element, fine, out):
+def spencer_in_series(x, v, current, h, substeps, theta, springs, state, element, fine, more, others, out, changes):
     """Force of the Spencer model behind elements with the deflection d = D(F − F_0), ḋ = v − w (n,) [N].
 
         w, x − d ──►[ Bouc-Wen pair (y, z) ]──► F = c_1 ẏ + k_1 (x − d) + F_g
@@ -24,6 +24,10 @@ def spencer_in_series(x, v, current, h, substeps, theta, springs, state, element
     Both stages of the rule by which the pair is integrated (`_bouc_wen_kernels.advance`) are those of d too: with
     `ah` = a h and d* the part of d that is known at a stage, d = d* + a h (v − w), and what is left to solve is one
     scalar equation D(F(w) − F_0) = d, increasing in w.
+
+    Its first-order changes are found with it: each stage is linearised about its own solution. With everything else
+    given, the changes of slip, state and force are linear in that of the speed behind the elements, which follows from
+    D'(δF − δF_0) + δD = δd* − a h δw.
 
     Parameters
     ----------
@@ -39,46 +43,79 @@ def spencer_in_series(x, v, current, h, substeps, theta, springs, state, element
         As for `_series_kernels.march`, without a floor.
     fine : float
         Error of the speed that is left [m/s].
+    more : (m, 17) array
+        Changes of `theta` (12), `springs` (2) and `state` (3); of no rows for the force alone.
+    others : (m, 7) array
+        Elements that differ little; their force at rest is that of `element`.
     out : (n,) array
+    changes : (m, n) array
+        [N].
     """
     c0a, c0b, k0, c1a, c1b, aa, ab, beta, gamma, delta, n, eta = theta
     y, z, u = state
-    w = v[0]
+    w, m = v[0], more.shape[0]
+    dy, dz, du, dd = more[:, 14].copy(), more[:, 15].copy(), more[:, 16].copy(), np.zeros(m)
+    dw, early, halfway, late = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     c1 = c1a + c1b * u
     own = c1 * node_rate(y, z, x[0], w, c0a + c0b * u, k0, c1, aa + ab * u) + springs[1]
     out[0] = _first(own, x[0], springs[0], element)
-    d = _deflection(out[0], element)[0]
+    d, soft = _deflection(out[0], element)
+    for j in range(m):
+        down = _force_change(more[j], du[j], u, theta, springs, y, z, x[0], w, dy[j], dz[j], 0.0, 0.0)
+        over = _deflection(out[0], _element(others, j))[0] - d
+        down += more[j, 12] * (x[0] - d) + springs[0] * (soft * more[j, 13] - over)
+        changes[j, 0] = down / (1.0 + springs[0] * soft)
+        dd[j] = soft * (changes[j, 0] - more[j, 13]) + over
+        dy[j] -= dd[j]
     y -= d  # as relaxed as without the elements
     for k in range(x.size - 1):
         count = substeps[k]
         step = h / count
-        half, early = math.exp(-0.5 * step * eta), math.exp(-GAMMA * step * eta)
+        half, first_share = math.exp(-0.5 * step * eta), math.exp(-GAMMA * step * eta)
         dx, dv, di = (x[k + 1] - x[k]) / count, (v[k + 1] - v[k]) / count, (current[k + 1] - current[k]) / count
-        for j in range(count):
-            now = current[k] + j * di
+        for part in range(count):
+            now = current[k] + part * di
             first, middle, after = now + GAMMA * di, now + 0.5 * di, now + di
             if eta > 0.0:
                 behind = di / (step * eta)
-                first += (u - now + behind) * early - behind
-                middle += (u - now + behind) * half - behind
-                after += (u - now + behind) * half * half - behind
+                gap = u - now + behind
+                first += gap * first_share - behind
+                middle += gap * half - behind
+                after += gap * half * half - behind
+                for j in range(m):
+                    slower = -behind / eta * more[j, 11]
+                    early[j] = (du[j] + slower) * first_share - gap * GAMMA * step * first_share * more[j, 11] - slower
+                    halfway[j] = (du[j] + slower) * half - gap * 0.5 * step * half * more[j, 11] - slower
+                    late[j] = (du[j] + slower) * half * half - gap * step * half * half * more[j, 11] - slower
+            ah, place = GAMMA * step, part + GAMMA
             c0, c1, alpha = c0a + c0b * middle, c1a + c1b * middle, aa + ab * middle
-            ah = GAMMA * step
-            place = j + GAMMA
             there = c0a + c0b * first, c1a + c1b * first, aa + ab * first
-            w, slip, ahead, stretched = _behind(y, z, x[k] + place * dx, v[k] + place * dv, ah, d, w, c0, k0, c1,
-                                                alpha, beta, gamma, delta, n, there, springs, element, fine)
+            xa, va = x[k] + place * dx, v[k] + place * dv
+            w, slip, ahead, stretched = _behind(y, z, xa, va, ah, d, w, c0, k0, c1, alpha, beta, gamma, delta, n, there,
+                                                springs, element, fine)
             known = d + RATIO * (stretched - d)
             yb = y + RATIO * (ah * w - slip)
-            zb = _capped(z, z + RATIO * (ahead - z), beta + gamma, delta, n)
+            free = z + RATIO * (ahead - z)
+            zb = _capped(z, free, beta + gamma, delta, n)
+            if m:
+                _stage_changes(y, z, xa - stretched, w, ah, slip, ahead, middle, first, theta, springs, element, more,
+                               others, halfway, early, RATIO, zb == free, dy, dz, dd, dw)
             there = c0a + c0b * after, c1a + c1b * after, aa + ab * after
-            w, slip, z, d = _behind(yb, zb, x[k] + (j + 1) * dx, v[k] + (j + 1) * dv, ah, known, w, c0, k0, c1,
-                                    alpha, beta, gamma, delta, n, there, springs, element, fine)
-            y = yb + ah * w - slip
-            u = after
-        c1, inner = c1a + c1b * u, x[k + 1] - d
-        rate = node_rate(y, z, inner, w, c0a + c0b * u, k0, c1, aa + ab * u)
-        out[k + 1] = c1 * rate + springs[0] * inner + springs[1]
+            xa, va = x[k] + (part + 1) * dx, v[k] + (part + 1) * dv
+            w, slip, ahead, d = _behind(yb, zb, xa, va, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, there,
+                                        springs, element, fine)
+            if m:
+                _stage_changes(yb, zb, xa - d, w, ah, slip, ahead, middle, after, theta, springs, element, more, others,
+                               halfway, late, 1.0, True, dy, dz, dd, dw)
+            y, z, u = yb + ah * w - slip, ahead, after
+            for j in range(m):
+                du[j] = late[j]
+        inner = x[k + 1] - d
+        c0, c1, alpha = c0a + c0b * u, c1a + c1b * u, aa + ab * u
+        out[k + 1] = c1 * node_rate(y, z, inner, w, c0, k0, c1, alpha) + springs[0] * inner + springs[1]
+        for j in range(m):
+            changes[j, k + 1] = _force_change(more[j], du[j], u, theta, springs, y, z, inner, w, dy[j], dz[j], -dd[j],
+                                              dw[j]) + more[j, 12] * inner - springs[0] * dd[j]
 
 
 @njit(error_model="numpy")
@@ -164,90 +201,6 @@ def _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own
     force = own[1] * rate + springs[0] * inner + springs[1]
     under, soft = _deflection(force, element)
     return under - d, soft, slip, ahead, d
-
-
-@njit(error_model="numpy")
-def spencer_in_series_changes(x, v, current, h, substeps, theta, springs, state, element, fine, more, others, out,
-                              changes):
-    """The run of `spencer_in_series`, and its first-order changes (m, n) for small changes of its numbers.
-
-    Each stage is linearised about its own solution. With everything else given, the changes of slip, state and force
-    are linear in that of the speed behind the elements, which follows from D'(δF − δF_0) + δD = δd* − a h δw.
-
-    Parameters
-    ----------
-    x, v, current, h, substeps, theta, springs, state, element, fine, out
-        As of `spencer_in_series`.
-    more : (m, 17) array
-        Changes of `theta` (12), `springs` (2) and `state` (3).
-    others : (m, 7) array
-        Elements that differ little; their force at rest is that of `element`.
-    changes : (m, n) array
-        [N].
-    """
-    c0a, c0b, k0, c1a, c1b, aa, ab, beta, gamma, delta, n, eta = theta
-    y, z, u = state
-    w, m = v[0], more.shape[0]
-    dy, dz, du, dd = more[:, 14].copy(), more[:, 15].copy(), more[:, 16].copy(), np.zeros(m)
-    dw, early, halfway, late = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
-    c1 = c1a + c1b * u
-    own = c1 * node_rate(y, z, x[0], w, c0a + c0b * u, k0, c1, aa + ab * u) + springs[1]
-    out[0] = _first(own, x[0], springs[0], element)
-    d, soft = _deflection(out[0], element)
-    for j in range(m):
-        down = _force_change(more[j], du[j], u, theta, springs, y, z, x[0], w, dy[j], dz[j], 0.0, 0.0)
-        over = _deflection(out[0], _element(others, j))[0] - d
-        down += more[j, 12] * (x[0] - d) + springs[0] * (soft * more[j, 13] - over)
-        changes[j, 0] = down / (1.0 + springs[0] * soft)
-        dd[j] = soft * (changes[j, 0] - more[j, 13]) + over
-        dy[j] -= dd[j]
-    y -= d
-    for k in range(x.size - 1):
-        count = substeps[k]
-        step = h / count
-        half, first_share = math.exp(-0.5 * step * eta), math.exp(-GAMMA * step * eta)
-        dx, dv, di = (x[k + 1] - x[k]) / count, (v[k + 1] - v[k]) / count, (current[k + 1] - current[k]) / count
-        for part in range(count):
-            now = current[k] + part * di
-            first, middle, after = now + GAMMA * di, now + 0.5 * di, now + di
-            if eta > 0.0:
-                behind = di / (step * eta)
-                gap = u - now + behind
-                first += gap * first_share - behind
-                middle += gap * half - behind
-                after += gap * half * half - behind
-                for j in range(m):
-                    slower = -behind / eta * more[j, 11]
-                    early[j] = (du[j] + slower) * first_share - gap * GAMMA * step * first_share * more[j, 11] - slower
-                    halfway[j] = (du[j] + slower) * half - gap * 0.5 * step * half * more[j, 11] - slower
-                    late[j] = (du[j] + slower) * half * half - gap * step * half * half * more[j, 11] - slower
-            ah, place = GAMMA * step, part + GAMMA
-            c0, c1, alpha = c0a + c0b * middle, c1a + c1b * middle, aa + ab * middle
-            there = c0a + c0b * first, c1a + c1b * first, aa + ab * first
-            xa, va = x[k] + place * dx, v[k] + place * dv
-            w, slip, ahead, stretched = _behind(y, z, xa, va, ah, d, w, c0, k0, c1, alpha, beta, gamma, delta, n, there,
-                                                springs, element, fine)
-            known = d + RATIO * (stretched - d)
-            yb = y + RATIO * (ah * w - slip)
-            free = z + RATIO * (ahead - z)
-            zb = _capped(z, free, beta + gamma, delta, n)
-            _stage_changes(y, z, xa - stretched, w, ah, slip, ahead, middle, first, theta, springs, element, more,
-                           others, halfway, early, RATIO, zb == free, dy, dz, dd, dw)
-            there = c0a + c0b * after, c1a + c1b * after, aa + ab * after
-            xa, va = x[k] + (part + 1) * dx, v[k] + (part + 1) * dv
-            w, slip, ahead, d = _behind(yb, zb, xa, va, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, there,
-                                        springs, element, fine)
-            _stage_changes(yb, zb, xa - d, w, ah, slip, ahead, middle, after, theta, springs, element, more, others,
-                           halfway, late, 1.0, True, dy, dz, dd, dw)
-            y, z, u = yb + ah * w - slip, ahead, after
-            for j in range(m):
-                du[j] = late[j]
-        inner = x[k + 1] - d
-        c0, c1, alpha = c0a + c0b * u, c1a + c1b * u, aa + ab * u
-        out[k + 1] = c1 * node_rate(y, z, inner, w, c0, k0, c1, alpha) + springs[0] * inner + springs[1]
-        for j in range(m):
-            changes[j, k + 1] = _force_change(more[j], du[j], u, theta, springs, y, z, inner, w, dy[j], dz[j], -dd[j],
-                                              dw[j]) + more[j, 12] * inner - springs[0] * dd[j]
 
 
 @njit(error_model="numpy")

@@ -85,10 +85,10 @@ class BoucWenInSeries(Linearised):
         if not (elements.compliance or elements.air_stroke or elements.play):
             return InSeries(self.core, self.elements, False)(s)
         if self.core is self.law:
-            return np.maximum(self._exact(s), -self.elements.limit)
+            return np.maximum(_run(self, s)[0], -self.elements.limit)
 
         def correction() -> np.ndarray:
-            return self._exact(s) - InSeries(self.law, elements, False)(s)
+            return _run(self, s)[0] - InSeries(self.law, elements, False)(s)
 
         behind = s.remembered("behind elements", (self.law.key, elements), correction) \
             if isinstance(self.law, Remembered) else correction()
@@ -135,36 +135,28 @@ class BoucWenInSeries(Linearised):
         assert isinstance(law, BoucWen)
         return drive.displacement, drive.velocity, law.command(drive), drive.sample_time, motion_steps(drive)
 
-    def _exact(self, s: Signals) -> np.ndarray:
-        """(n,) the damper alone with the elements in series, without cavitation."""
-        from quartercar.effects._bouc_wen_series_kernels import spencer_in_series
-
-        numbers, motion, out = self.numbers(s), self.motion(s), np.empty(s.n_samples)
-        _, (_, rest), _ = numbers
-        spencer_in_series(*motion, *numbers, self.elements.numbers(rest), _fine(motion[1]), out)
-        return out
-
-
-def _fine(velocity: np.ndarray) -> float:
-    """Error of the speed that is left [m/s]: the square of a difference's step."""
-    return STEP**2 * float(np.abs(velocity).max())
-
 
 def _changed(own: BoucWenInSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """(n,) a simulation, and the first-order changes from it to those others that are the damper alone in series."""
-    from quartercar.effects._bouc_wen_series_kernels import spencer_in_series_changes
-
     near_ones = {j: o for j, o in enumerate(others) if isinstance(o, BoucWenInSeries) and o.alone}
     if not own.alone or not near_ones:
         return own(s), {}
-    numbers, motion = own.numbers(s), own.motion(s)
-    _, (_, rest), _ = numbers
-    more = np.array([np.concatenate(o.numbers(s)) - np.concatenate(numbers) for o in near_ones.values()])
-    elements = np.array([o.elements.numbers(rest) for o in near_ones.values()])
-    out, changes = np.empty(s.n_samples), np.empty((len(near_ones), s.n_samples))
-    spencer_in_series_changes(*motion, *numbers, own.elements.numbers(rest), _fine(motion[1]), more, elements,
-                              out, changes)
+    out, changes = _run(own, s, list(near_ones.values()))
     return out, dict(zip(near_ones, changes, strict=True))
+
+
+def _run(own: BoucWenInSeries, s: Signals, others: Sequence[BoucWenInSeries] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) the damper alone with its elements, without cavitation, and (m, n) the changes to others."""
+    from quartercar.effects._bouc_wen_series_kernels import spencer_in_series
+
+    motion, (coefficients, springs, state) = own.motion(s), own.numbers(s)
+    fine = STEP**2 * float(np.abs(motion[1]).max())  # a difference of runs then resolves a derivative
+    numbers = np.array([np.concatenate(o.numbers(s)) for o in (own, *others)])
+    elements = [o.elements.numbers(springs[1]) for o in (own, *others)]
+    out, changes = np.empty(s.n_samples), np.empty((len(others), s.n_samples))
+    spencer_in_series(*motion, coefficients, springs, state, elements[0], fine, numbers[1:] - numbers[0],
+                      np.array(elements)[1:], out, changes)
+    return out, changes
 
 
 def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries | BoucWenInSeries:
