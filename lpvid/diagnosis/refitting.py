@@ -372,8 +372,10 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """(P, P) covariance of a refit to all blocks, in sandwich form over the blocks; NaN for parameters at a bound.
 
-    (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b the block sums of J e: right for errors whose size follows the force or
-    which are coloured, if the blocks are longer than the memory. Not below σ²(JᵀJ)⁻¹.
+    (B − 1)/B (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ over B blocks, g_b = (I − J_bᵀJ_b (JᵀJ)⁻¹)⁻¹ J_bᵀ e_b: what the parameters
+    change by when a block is left out (Bell and McCaffrey 2002, the jackknife CR3). Right for errors whose size follows
+    the force or which are coloured, if the blocks are longer than the memory. The inverse is there since a fit draws
+    its own errors towards zero where few blocks determine a parameter. Not below σ²(JᵀJ)⁻¹.
 
     Parameters
     ----------
@@ -393,13 +395,15 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     j = fit.jacobian[:, free]
     scale = column_norms(j)
     j /= scale
-    inverse = np.linalg.pinv(j.T @ j, rcond=STEP**2)
-    j *= fit.errors[:, None]
-    scores = problem.block_sums(j)
+    values, directions = np.linalg.eigh(j.T @ j)
+    seen = values > STEP**2 * values[-1]
+    basis = directions[:, seen] / np.sqrt(values[seen])
+    ends = np.flatnonzero(np.diff(problem.block)) + 1
+    scores = np.array([np.linalg.pinv(np.eye(basis.shape[1]) - q.T @ q, STEP, hermitian=True) @ (q.T @ e)
+                       for q, e in zip(np.split(j @ basis, ends), np.split(fit.errors, ends), strict=True)])
     count = problem.blocks.count
-    middle = scores.T @ scores * count / max(count - 1, 1)
-    robust = inverse @ middle @ inverse
-    plain = inverse * fit.variance
+    robust = basis @ (scores.T @ scores * (count - 1) / count) @ basis.T
+    plain = basis @ basis.T * fit.variance
     grow = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(robust), TINY)))
     out[np.ix_(free, free)] = robust * np.outer(grow, grow) / np.outer(scale, scale)
     return out

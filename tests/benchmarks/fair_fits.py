@@ -1,11 +1,13 @@
 """Independent fits of the real records: which physical parts the data support, by held-out error.
 
     python tests/benchmarks/fair_fits.py FOLDER [GROUP ...]
+    python tests/benchmarks/fair_fits.py FOLDER [GROUP ...] --siblings
 
 Plain numpy and scipy on the laws of `fair_laws`; the project's models, effects and engine are not used. Every
 structure is a set of named terms; its nonlinear parameters are fitted by least squares from several starts, the linear
 ones solved for (variable projection). The error is of the free run, over the variance of the force, the first quarter
-of a second of each record left out.
+of a second of each record left out. ``--siblings`` takes other records of the same specimens
+(`real_records.siblings`), and of each the best structure of its group.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import real_answers
 import real_records
 from fair_laws import BRANCH, advanced, branch, lagged, presliding
 from scipy.optimize import least_squares
@@ -45,10 +48,9 @@ class Run:
     dt: float
     heat: np.ndarray
 
-    @property
-    def keep(self) -> slice:
-        """Samples on which the error is counted."""
-        return slice(round(HEAD / self.dt), None)
+    def since(self, first: float = HEAD) -> slice:
+        """Samples on which the error is counted, from a time on [s]."""
+        return slice(round(first / self.dt), None)
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def _prepared(raw: dict[str, np.ndarray], group: real_records.Group) -> dict[str
     rate = (time.size - 1) / float(time[-1] - time[0])
     even = time[0] + np.arange(int((time[-1] - time[0]) * rate) + 1) / rate
     channels = {k: np.interp(even, time, y) for k, y in raw.items() if k != "time"}
-    factor = 1 if group.name in KEPT else max(1, round(rate / RATE))
+    factor = 1 if (group.of or group.name) in KEPT else max(1, round(rate / RATE))
     if factor > 1:
         channels = {k: decimate(y, factor, ftype="fir", zero_phase=True) for k, y in channels.items()}
     rate /= factor
@@ -129,11 +131,13 @@ PARALLEL = {"spring": "x", "cubic": "x3", "quadratic-spring": "x2", "mass": "a",
 
 @dataclass(frozen=True)
 class Fitted:
-    """A structure and what it leaves: free-run error over the variance of the force."""
+    """A structure and what it leaves: free-run error over the variance of the force; `whole` with the first quarter of
+    a second of the held-out records, as the program counts it."""
 
     terms: tuple[str, ...]
     training: float
     held_out: float
+    whole: float
     values: dict[str, float]
 
 
@@ -193,13 +197,13 @@ def fit(training: list[Run], held_out: list[Run], terms: tuple[str, ...], sub: i
     """Fit a structure to the training records, and its error on those held out."""
     names = _names(terms)
     low, high = np.array([_bounds(*n) for n in names]).T
-    target = np.concatenate([r.force[r.keep] for r in training])
+    target = np.concatenate([r.force[r.since()] for r in training])
 
-    def stacked(some: list[Run], q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def stacked(some: list[Run], q: np.ndarray, first: float = HEAD) -> tuple[np.ndarray, np.ndarray]:
         values = {n: float(np.exp(u) if positive else u) for (n, positive), u in zip(names, q, strict=True)}
         parts = [simulate(r, terms, values, sub) for r in some]
-        return (np.concatenate([f[r.keep] for (f, _), r in zip(parts, some, strict=True)]),
-                np.concatenate([b[r.keep] for (_, b), r in zip(parts, some, strict=True)]))
+        return (np.concatenate([f[r.since(first)] for (f, _), r in zip(parts, some, strict=True)]),
+                np.concatenate([b[r.since(first)] for (_, b), r in zip(parts, some, strict=True)]))
 
     def errors(q: np.ndarray) -> np.ndarray:
         force, block = stacked(training, q)
@@ -217,12 +221,14 @@ def fit(training: list[Run], held_out: list[Run], terms: tuple[str, ...], sub: i
     assert best is not None
     force, block = stacked(training, best.x)
     weights = np.linalg.lstsq(block, target - force, rcond=1e-10)[0]
-    there = np.concatenate([r.force[r.keep] for r in held_out])
-    force, block = stacked(held_out, best.x)
+    later = []
+    for head in (HEAD, 0.0):
+        there = np.concatenate([r.force[r.since(head)] for r in held_out])
+        force, block = stacked(held_out, best.x, head)
+        later.append(float(np.mean((there - force - block @ weights) ** 2) / np.var(there)))
     values = {n: float(np.exp(u) if positive else u) for (n, positive), u in zip(names, best.x, strict=True)}
     values |= {t: float(w) for t, w in zip(("offset", *(t for t in terms if t in PARALLEL)), weights, strict=False)}
-    return Fitted(terms, 2 * float(best.cost) / target.size / float(np.var(target)),
-                  float(np.mean((there - force - block @ weights) ** 2) / np.var(there)), values)
+    return Fitted(terms, 2 * float(best.cost) / target.size / float(np.var(target)), *later, values)
 
 
 BASE = ("spring", "mass")
@@ -244,11 +250,14 @@ def main() -> None:
     parser.add_argument("group", nargs="*")
     parser.add_argument("--terms", nargs="*", default=[], help="structures instead of the list, terms joined by +")
     parser.add_argument("--without-current", action="store_true", help="laws that do not read the current")
+    parser.add_argument("--siblings", action="store_true", help="other records of the same specimens")
     options = parser.parse_args()
-    for group in real_records.GROUPS:
-        if group.name == "car" or (options.group and group.name not in options.group):
+    best = {a.group: a.best for a in real_answers.ANSWERS}
+    for group in real_records.siblings() if options.siblings else real_records.GROUPS:
+        if "car" in (group.name, group.of) or (options.group and group.name not in options.group):
             continue
-        structures = tuple(tuple(t.split("+")) for t in options.terms) or STRUCTURES
+        asked = options.terms or ([best[group.of]] if options.siblings else [])
+        structures = tuple(tuple(t.split("+")) for t in asked) or STRUCTURES
         for row in table(options.folder, group, structures, not options.without_current):
             print(json.dumps(row), flush=True)
 
@@ -266,7 +275,8 @@ def table(folder: Path, group: real_records.Group, structures: tuple[tuple[str, 
         begun = time.perf_counter()
         found = fit(training, held_out, terms)
         yield {"group": group.name, "terms": "+".join(structure), "training": round(found.training, 5),
-               "held_out": round(found.held_out, 5), "seconds": round(time.perf_counter() - begun, 1),
+               "held_out": round(found.held_out, 5), "whole": round(found.whole, 5),
+               "seconds": round(time.perf_counter() - begun, 1),
                "values": {k: float(f"{v:.3g}") for k, v in found.values.items()}, "scales": scales.__dict__}
 
 

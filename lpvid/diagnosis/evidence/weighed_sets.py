@@ -15,10 +15,10 @@ def confirmed_sets(search: SetSearch, rejected_sets: Collection[Members], smalle
                    ) -> WeighedSets:
     """Visited sets and their weights, without the rejected ones; the baseline alone where no other is left.
 
-    Where some members of a set do not lower the error out of fold, its weight goes to the set without them, or to the
-    largest visited subset of that: to drop it would lower the weight of its other members too. So does that of a
-    rejected set. Where no visited set with a cause is left it is dropped: that it fails is no evidence for the baseline
-    alone.
+    Where some members of a set do not lower the error out of fold, its weight goes to the most probable visited set
+    within what is left: to drop it would lower the weight of its other members too. So does that of a rejected set. A
+    component counts as the same wherever it sits: friction behind a spring is friction without it. Where no visited
+    set with a cause is left it is dropped: that it fails is no evidence for the baseline alone.
 
     Parameters
     ----------
@@ -38,9 +38,10 @@ def confirmed_sets(search: SetSearch, rejected_sets: Collection[Members], smalle
         members = w.members
         while members in smaller:
             members = smaller[members]
-        within = [m for m in weights if m <= members and (m or not w.members)]
+        parts = {e.component for e in w.effects if e.name in members}
+        within = [m for m in weights if parts >= {e.component for e in visited[m].effects} and (m or not w.members)]
         if within:
-            weights[max(within, key=len)] += p
+            weights[w.members if w.members in weights else within[0]] += p
     total = sum(weights.values())
     if total <= 0:
         return [(search.root, 1.0)]

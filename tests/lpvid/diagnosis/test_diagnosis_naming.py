@@ -220,6 +220,18 @@ def test_what_adds_nothing_out_of_fold_leaves_its_weight_to_the_set_without_it(m
     assert weighed_sets.confirmed_sets(search, (), smaller)[0] == (sets[1], pytest.approx(0.35 / 0.6))
 
 
+def test_weight_goes_to_the_most_probable_set_within_what_is_left_wherever_its_components_sit(monkeypatch):
+    """A wave and a kink alone explain nothing; friction behind the spring that was dropped is friction without it."""
+    behind, dry, wave, kink = part("behind", component="dry"), part("dry"), part("wave"), part("kink")
+    sets = [of_cost(1.0, behind, SPRING, wave, kink), of_cost(1.1, behind, SPRING), of_cost(1.2, dry), of_cost(2.0),
+            of_cost(1.9, wave, kink)]
+    monkeypatch.setattr(weighed_sets, "posterior",
+                        lambda search: list(zip(sets, (0.5, 0.3, 0.15, 0.05, 0.0), strict=True)))
+    search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[3])
+    smaller = {sets[0].members: frozenset({"behind", "wave", "kink"})}
+    assert weighed_sets.confirmed_sets(search, (), smaller)[:2] == [(sets[2], pytest.approx(0.65)), (sets[1], 0.3)]
+
+
 def test_that_a_set_fails_out_of_fold_is_no_evidence_for_the_baseline_alone(monkeypatch):
     """Play with a spring seems as probable as friction and fails: friction against nothing is left."""
     dry, spring, play = part("dry"), SPRING, part("play")
