@@ -1,6 +1,6 @@
 """Independent fit of the bench quarter car: which of its suspects the motion of the sprung mass supports.
 
-    python tests/benchmarks/fair_car.py FOLDER
+    python tests/benchmarks/fair_car.py FOLDER [car:1]
 
 Two masses on a measured road with an actuator between them, integrated by semi-implicit Euler steps of half a
 millisecond; no line of the project is used. The sprung mass is held at its nominal 2.45 kg, the scale of all others::
@@ -56,7 +56,7 @@ def simulated(record: dict[str, np.ndarray], values: dict[str, float]) -> np.nda
 
 def main() -> None:
     """Print one line of JSON per set of suspects and sign of the actuator."""
-    group = real_records.group("car")
+    group = real_records.group(sys.argv[2] if len(sys.argv) > 2 else "car")
     first, other = (real_records.read(Path(sys.argv[1]), p[0]) for p in (group.training, group.held_out))
     for sign in (1.0, -1.0):
         for suspects in SUSPECTS:

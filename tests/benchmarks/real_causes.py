@@ -116,16 +116,16 @@ def table(found: list[dict]) -> str:
     marks, ratios = [], []
     for row in found:
         answer = real_answers.answer(_base(row["group"]), row["baseline"])
-        how = mark(row, answer)
+        how, hand = mark(row, answer), real_answers.by_hand(row["group"], row["baseline"])
         if answer is not None:
             marks.append(how)
             if row["outcome"] == "answered":
-                ratios.append(row["after"] / answer.esr)
+                ratios.append(row["after"] / hand)
         esr = [f"{row[k]:.4f}" if k in row else "" for k in ("before", "after")]
         lines.append("| " + " | ".join([
             row["group"], row["baseline"], how, row.get("verdict", ""), ", ".join(row.get("named", [])),
             "; ".join("/".join(r) for r in row.get("rivals", [])), " + ".join(answer.expected) if answer else "",
-            *esr, f"{answer.esr:.4f}" if answer else "", f"{row['seconds']:.0f}"]) + " |")
+            *esr, f"{hand:.4f}" if answer else "", f"{row['seconds']:.0f}"]) + " |")
     count = len(marks)
     if count:
         shares = ", ".join(f"{m} {marks.count(m)} ({marks.count(m) / count:.0%})" for m in dict.fromkeys(marks))
