@@ -387,9 +387,8 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     (P, P) array
         In the units of the parameters, squared; NaN also for a parameter that changes nothing.
     """
-    size = fit.vector.size
     free = np.flatnonzero(~fit.at_bounds() & (column_norms(fit.jacobian) > 0))
-    out = np.full((size, size), np.nan)
+    out = np.full((fit.vector.size, fit.vector.size), np.nan)
     if not free.size:
         return out
     j = fit.jacobian[:, free]
@@ -401,9 +400,8 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     ends = np.flatnonzero(np.diff(problem.block)) + 1
     scores = np.array([np.linalg.pinv(np.eye(basis.shape[1]) - q.T @ q, STEP, hermitian=True) @ (q.T @ e)
                        for q, e in zip(np.split(j @ basis, ends), np.split(fit.errors, ends), strict=True)])
-    count = problem.blocks.count
-    robust = basis @ (scores.T @ scores * (count - 1) / count) @ basis.T
-    plain = basis @ basis.T * fit.variance
-    grow = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(robust), TINY)))
+    robust = basis @ (scores.T @ scores * (1 - 1 / len(scores))) @ basis.T
+    least = fit.variance * np.sum(basis**2, axis=1)
+    grow = np.sqrt(np.maximum(1.0, least / np.maximum(np.diag(robust), TINY)))
     out[np.ix_(free, free)] = robust * np.outer(grow, grow) / np.outer(scale, scale)
     return out

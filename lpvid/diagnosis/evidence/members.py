@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -244,12 +243,9 @@ def keeps_names(other: SelectedSet, found: SelectedSet) -> bool:
     bool
         False too where a member of the other one changes too little to be named.
     """
-    return _names_preserved(_named(other), _named(found)) and not too_little(other)
-
-
-def _names_preserved(here: Mapping[str, float], most_probable: Mapping[str, float]) -> bool:
-    """Whether each component named in the most probable set is named here and achieves half of its reduction too."""
-    return all(2 * here.get(name, 0.0) >= reduction for name, reduction in most_probable.items())
+    here = _named(other)
+    return all(2 * here.get(name, 0.0) >= reduction for name, reduction in _named(found).items()) and \
+        not too_little(other)
 
 
 def too_little(selected: SelectedSet, law_error: float = 0.0) -> list[SetMember]:

@@ -192,8 +192,10 @@ def test_rivals_are_sought_in_the_most_probable_set_that_holds_a_cause():
     ({"friction": 0.4}, False),  # a valve that is less probable does the rest: its number would be no friction's
     ({"valve": 3.0}, False),
 ])
-def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_set_to_report(here, kept):
-    assert members._names_preserved(here, {"friction": 3.0}) is kept
+def test_what_the_most_probable_set_names_achieves_half_of_its_reduction_in_the_set_to_report(here, kept, monkeypatch):
+    monkeypatch.setattr(members, "_named", lambda found: found)
+    monkeypatch.setattr(members, "too_little", lambda other: [])
+    assert members.keeps_names(here, {"friction": 3.0}) is kept
 
 
 @dataclass(frozen=True)
