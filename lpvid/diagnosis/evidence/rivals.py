@@ -103,8 +103,8 @@ def match_form(effect: Effect) -> Matcher:
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
 
 
-def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effect: Effect,
-                  values: np.ndarray) -> tuple[tuple[str, float], ...]:
+def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effect: Effect, values: np.ndarray,
+                  present: Collection[str] = ()) -> tuple[tuple[str, float], ...]:
     """Effects listed with a member of a set, or in its place, with their probabilities.
 
     Parameters
@@ -118,6 +118,8 @@ def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effe
         Of its members.
     values : (k,) array
         Its parameters.
+    present : collection of str
+        Components beside it in the set to report, which are no alternatives to it.
 
     Returns
     -------
@@ -125,7 +127,7 @@ def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effe
     """
     name, match, support = name_in(search, sets, best, effect)
     if support.probability < NAMED_PROBABILITY:
-        return _alternatives(sets, best, effect, match)
+        return _alternatives(sets, best, effect, match, present)
     found = _equally_likely(search, sets, best, effect)
     if name == effect.name:
         found += _described_components(search, sets, best, effect, values, {n for n, _ in found})
@@ -253,12 +255,13 @@ def _match_any(*matchers: Matcher) -> Matcher:
     return lambda w: next((e for match in matchers if (e := match(w)) is not None), None)
 
 
-def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: Matcher
+def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: Matcher, present: Collection[str]
                   ) -> tuple[tuple[str, float], ...]:
     """Alternatives to an effect, with their probabilities; none where all together are not probable enough.
 
     In a set without the effect, its alternative is the member that the best set does not have and that contains it
-    (`Effect.contains`), else the one that changes the output most. The alternatives are listed if the effect or one of
+    (`Effect.contains`), else the one that changes the output most. What is present beside the effect is no alternative:
+    "a valve or friction" would say nothing where friction is named. The alternatives are listed if the effect or one of
     them is present with `NAMED_PROBABILITY`. Otherwise those of its family are, if the effect or one of these is: those
     with `SIGNIFICANT` of the weight of the sets without it.
     """
@@ -270,7 +273,7 @@ def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: 
         if match(w) is None:
             others = [(component in e.contains, c, k, e.name)
                       for e, k, c in zip(w.effects, w.components, w.changes, strict=True) if e.name not in best.members
-                      and (k == component or k not in best.components or component in e.contains)]
+                      and (k == component or k not in {*best.components, *present} or component in e.contains)]
             if others:
                 contains, _, k, name = max(others)
                 k = name if contains else k
@@ -278,9 +281,8 @@ def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: 
                 form.setdefault(k, name)
                 if any(e.name == name and e.family == effect.family for e in w.effects):
                     of_family[k] = None
-    without = sum(weights.values())
     for among in ([k for k, p in weights.items() if p > SIGNIFICANT],
-                  [k for k in of_family if weights[k] > SIGNIFICANT * without]):
+                  [k for k in of_family if weights[k] > SIGNIFICANT * sum(weights.values())]):
         either = Support.of(sets, _match_any(match, *map(match_names, among)))
         if either.probability >= NAMED_PROBABILITY:
             return tuple((form[k], Support.of(sets, match_names(k)).probability)

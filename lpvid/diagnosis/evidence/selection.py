@@ -269,7 +269,8 @@ def _member(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, w: Evaluat
     name, _, support = name_in(search, sets, w, effect)
     of_family = Support.of(sets, match_family(effect.family)).probability
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    rivals = rivals_beside(search, sets, _most_probable_with(effect, sets, w), effect, values)
+    present = {k for e, k in zip(w.effects, w.components, strict=True) if e is not effect}
+    rivals = rivals_beside(search, sets, _most_probable_with(effect, sets, w), effect, values, present)
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,

@@ -59,7 +59,16 @@ def test_alternatives_of_a_member_contain_it_or_change_most(other, of_spring, of
     best = visited(friction=0.6, spring=0.1)
     sets = [(best, 0.6), (other, 0.4)]
     for effect, wanted in zip(best.effects, (of_friction, of_spring), strict=True):
-        found = rivals._alternatives(sets, best, effect, match_component(effect.name))
+        found = rivals._alternatives(sets, best, effect, match_component(effect.name), ())
+        assert [n for n, _ in found] == wanted
+
+
+def test_what_is_present_beside_a_member_is_no_alternative_to_it():
+    """A valve or friction: in the set to report both stand, and friction is named anyway."""
+    best = visited(valve=0.5)
+    sets = [(best, 0.4), (visited(friction=0.6), 0.6)]
+    for present, wanted in (((), ["friction"]), (("friction",), [])):
+        found = rivals._alternatives(sets, best, best.effects[0], match_component("valve"), present)
         assert [n for n, _ in found] == wanted
 
 
@@ -72,7 +81,7 @@ def test_a_family_that_is_sure_is_listed_by_its_members(weights, wanted):
     parts = ({"coil-lag": 0.3}, {"late-lag": 0.3}, {"slow-lag": 0.3}, {})
     sets = [(visited(**held), p) for held, p in zip(parts, weights, strict=True)]
     best = sets[0][0]
-    found = rivals._alternatives(sets, best, best.effects[0], match_component("coil-lag"))
+    found = rivals._alternatives(sets, best, best.effects[0], match_component("coil-lag"), ())
     assert sorted(n for n, _ in found) == wanted
 
 

@@ -160,7 +160,7 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
 
     beside = {}
 
-    def rivals_beside(search, sets, best, effect, values):
+    def rivals_beside(search, sets, best, effect, values, present):
         beside[effect.name] = set(best.members)
         return ()
 
