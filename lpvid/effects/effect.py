@@ -328,6 +328,22 @@ class Effect(ABC):
         """(k,) parameters at which it is not there."""
         return np.array([p.neutral for p in self.parameters])
 
+    def in_place_of(self, other: Effect, values: np.ndarray) -> np.ndarray:
+        """Parameters that this effect takes over from another one: those of the same name; neutral for the rest.
+
+        Parameters
+        ----------
+        other : Effect
+        values : (m,) array
+            Of the other one.
+
+        Returns
+        -------
+        (k,) array
+        """
+        named = dict(zip((p.name for p in other.parameters), values, strict=True))
+        return np.array([named.get(p.name, p.neutral) for p in self.parameters])
+
     def comes_to(self, values: np.ndarray, signals: Sequence[Signals]) -> tuple[str, ...]:
         """Names of the simpler effects to which this one reduces at these values.
 

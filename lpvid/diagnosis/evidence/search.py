@@ -215,12 +215,8 @@ class SetSearch(VisitedSets):
             chosen = [e for e, cost in screenings.by_predicted_gain(self, self.baseline_screening, w, found).items()
                       if self.has_lower_cost(w.members | {e.name}, cost)]
             _ = w.fit.jacobian, self.root.fit.jacobian  # computed once, for all forks
-            for child in self._children(w, chosen, found):
+            for child in self.in_parallel(lambda e, w=w, found=found: self.evaluated(self._child(w, e, found)), chosen):
                 self.add(child)
-
-    def _children(self, w: EvaluatedSet, chosen: Sequence[Effect], found: Sequence[Direction]) -> list[EvaluatedSet]:
-        """Sets with one effect more, refitted."""
-        return self.in_parallel(lambda e: self.evaluated(self._child(w, e, found)), chosen)
 
     def _child(self, w: EvaluatedSet, added: Effect, found: Sequence[Direction]) -> Refit:
         """A set with one effect more, refitted from the grid points of the largest gain."""
@@ -258,19 +254,23 @@ class SetSearch(VisitedSets):
     def _exchange_members(self, w: EvaluatedSet) -> None:
         """Visit the set without each of its members, and with related effects in the place of each.
 
-        Sets that were visited before are refitted too: an earlier refit may have ended in another minimum.
+        Sets that were visited before are refitted too: an earlier refit may have ended in another minimum. Without a
+        spring, friction behind it is dry friction (`Effect.placement_of`).
         """
         if w.members in self.exchanged:
             return
         self.exchanged.add(w.members)
-        reduced = [remaining for e in w.effects if self.allowed(remaining := tuple(x for x in w.effects if x is not e))]
-        own = {x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)}
+        known, own = {c.name: c for c in self.candidates}, w.fit.composition.by_effect(w.fit.vector)
+        behind = {x.name: known[x.component] for x in w.effects if x.behind and x.component in known}
+        own |= {e.name: e.in_place_of(known[name], own[name]) for name, e in behind.items()}
+        reduced = [tuple(x for x in w.effects if x is not e) for e in w.effects]
+        reduced = [r if self.allowed(r) else tuple(behind.get(x.name, x) for x in r) for r in reduced]
         _ = w.fit.jacobian  # computed once, for all forks
 
         def without_one(remaining: tuple[Effect, ...]) -> EvaluatedSet:
             composition = Composition(w.fit.composition.baseline, remaining)
-            vectors = [start_vector(composition, w.fit, {}),
-                       start_vector(composition, self.root.fit, {x.name: own[x.name] for x in remaining})]
+            vectors = [start_vector(composition, fit, {x.name: own[x.name] for x in remaining})
+                       for fit in (w.fit, self.root.fit)]
             for x in remaining:  # so that no set has a higher cost than one of its subsets
                 if (less := self.visited.get(frozenset(y.name for y in remaining if y is not x))) and less.members:
                     vectors.append(start_vector(composition, less.fit, {x.name: own[x.name]}))
@@ -278,11 +278,10 @@ class SetSearch(VisitedSets):
 
         swaps = [(e, y) for e in w.effects for y in self.candidates if related(e, y) and y.name not in w.members
                  and self.allowed([*(x for x in w.effects if x is not e), y])]
-        calls = [*(partial(without_one, remaining) for remaining in reduced),
+        calls = [*(partial(without_one, remaining) for remaining in reduced if self.allowed(remaining)),
                  *(partial(self._exchanged, w, *pair) for pair in swaps)]
-        for found in self.in_parallel(lambda call: call(), calls):
-            if found is not None:
-                self.add(found)
+        for found in filter(None, self.in_parallel(lambda call: call(), calls)):
+            self.add(found)
 
     def _exchanged(self, w: EvaluatedSet, removed: Effect, inserted: Effect) -> EvaluatedSet | None:
         """A set with a related effect in the place of one, from the parameters that the others have beside that one.

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.toy_diagnosis import Added, Bent, Cubic, Dry, record
+from helpers.toy_diagnosis import Added, Bent, Cubic, Dry, Wave, record
 
 from lpvid.diagnosis.evidence import candidates
 from lpvid.diagnosis.evidence.engine import prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.effects.composition import Composition
 from lpvid.effects.effect import EffectParameter
 
 
@@ -75,6 +76,27 @@ def test_a_smaller_set_that_stopped_in_another_minimum_is_refitted_from_the_larg
     search.exchanged.clear()
     search._exchange_members(both)  # no refit has a lower cost now
     assert search.visited[frozenset({"dry"})].fit.cost == pytest.approx(kept.fit.cost, rel=1e-6)
+
+
+class Springy(Wave):
+    name, title, stage = "springy", "what others may sit behind", "series"
+
+
+class Behind(Dry):
+    name, title, placement_of, behind = "behind", "the sign of the input, behind another", "dry", "series"
+
+
+def test_without_what_it_sits_behind_an_effect_stands_in_its_other_place():
+    """The set without the spring holds friction still: it is visited with the number that friction had."""
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.3 * np.sin(9 * u) + 0.1 * u**3)
+    search, _ = prepared([run], Bent(), effects := (Dry(), Springy(), Behind(), Cubic()), lambda text: None)
+    search.visited[frozenset()] = EvaluatedSet(search.data, root_of(search.problem, Bent()))
+    fit = refit(search.problem, composition := Composition(Bent(), effects[1:]), composition.neutral)
+    search._exchange_members(EvaluatedSet(search.data, fit))
+    assert frozenset({"dry", "cubic"}) in search.visited and frozenset({"behind", "cubic"}) not in search.visited
+    found = search.visited[frozenset({"dry", "cubic"})].fit
+    assert found.composition.by_effect(found.vector)["dry"] == pytest.approx(0.9, abs=0.2)  # the waves in part
+    assert Dry().in_place_of(Behind(), np.array([0.7])) == [0.7]
 
 
 @pytest.mark.parametrize("from_elsewhere", [True, False])
