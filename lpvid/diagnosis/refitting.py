@@ -19,7 +19,7 @@ from lpvid.diagnosis.budgets import ITERATIONS
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.trial_steps import step_by_trial, trial_parameters
 from lpvid.effects.composition import Composition
-from lpvid.rounding import EXPLODED, HALF_DIGITS, STEP, TINY
+from lpvid.rounding import EPS, EXPLODED, HALF_DIGITS, STEP, TINY
 
 LEAST_DECREASE, ROUGH_DECREASE = 0.02, 0.3
 """predicted increase of the log-likelihood below which a refit ends, and below which a rough refit does"""
@@ -372,10 +372,10 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """(P, P) covariance of a refit to all blocks, in sandwich form over the blocks; NaN for parameters at a bound.
 
-    (B − 1)/B (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ over B blocks, g_b = (I − J_bᵀJ_b (JᵀJ)⁻¹)⁻¹ J_bᵀ e_b: what the parameters
-    change by when a block is left out (Bell and McCaffrey 2002, the jackknife CR3). Right for errors whose size follows
-    the force or which are coloured, if the blocks are longer than the memory. The inverse is there since a fit draws
-    its own errors towards zero where few blocks determine a parameter. Not below σ²(JᵀJ)⁻¹.
+    (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ over the blocks, g_b = J_bᵀ (I − H_b)^(−½) e_b, H_b = J_b (JᵀJ)⁻¹ J_bᵀ: right for
+    errors whose size follows the force or which are coloured, if the blocks are longer than the memory. A fit draws its
+    own errors towards zero, most where few blocks determine a parameter; with H_b the covariance is without bias in
+    white noise (Bell and McCaffrey 2002, CR2). Not below σ²(JᵀJ)⁻¹.
 
     Parameters
     ----------
@@ -389,19 +389,19 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """
     free = np.flatnonzero(~fit.at_bounds() & (column_norms(fit.jacobian) > 0))
     out = np.full((fit.vector.size, fit.vector.size), np.nan)
-    if not free.size:
-        return out
     j = fit.jacobian[:, free]
     scale = column_norms(j)
     j /= scale
     values, directions = np.linalg.eigh(j.T @ j)
-    seen = values > STEP**2 * values[-1]
+    seen = values > STEP**2 * values.max(initial=0.0)
     basis = directions[:, seen] / np.sqrt(values[seen])
-    ends = np.flatnonzero(np.diff(problem.block)) + 1
-    scores = np.array([np.linalg.pinv(np.eye(basis.shape[1]) - q.T @ q, STEP, hermitian=True) @ (q.T @ e)
-                       for q, e in zip(np.split(j @ basis, ends), np.split(fit.errors, ends), strict=True)])
-    robust = basis @ (scores.T @ scores * (1 - 1 / len(scores))) @ basis.T
-    least = fit.variance * np.sum(basis**2, axis=1)
-    grow = np.sqrt(np.maximum(1.0, least / np.maximum(np.diag(robust), TINY)))
-    out[np.ix_(free, free)] = robust * np.outer(grow, grow) / np.outer(scale, scale)
+    beyond = basis.T @ (j.T @ fit.errors)  # of a refit that ended before its minimum
+    scores = []
+    for rows in np.split(np.arange(len(j)), np.flatnonzero(np.diff(problem.block)) + 1):
+        q = j[rows] @ basis
+        held, axes = np.linalg.eigh(q.T @ q)
+        scores.append(axes @ (axes.T @ q.T @ (fit.errors[rows] - q @ beyond) / np.sqrt(np.maximum(1 - held, EPS))))
+    robust = (moves := basis @ np.transpose(scores)) @ moves.T
+    grow = np.sqrt(np.maximum(1.0, fit.variance * np.sum(basis**2, axis=1) / np.maximum(np.diag(robust), TINY))) / scale
+    out[np.ix_(free, free)] = robust * np.outer(grow, grow)
     return out

@@ -243,9 +243,8 @@ def keeps_names(other: SelectedSet, found: SelectedSet) -> bool:
     bool
         False too where a member of the other one changes too little to be named.
     """
-    here = _named(other)
-    return all(2 * here.get(name, 0.0) >= reduction for name, reduction in _named(found).items()) and \
-        not too_little(other)
+    here, wanted = _named(other), _named(found)
+    return not too_little(other) and all(2 * here.get(n, 0.0) >= reduction for n, reduction in wanted.items())
 
 
 def too_little(selected: SelectedSet, law_error: float = 0.0) -> list[SetMember]:

@@ -104,7 +104,7 @@ def match_form(effect: Effect) -> Matcher:
 
 
 def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effect: Effect, values: np.ndarray,
-                  present: Collection[str] = ()) -> tuple[tuple[str, float], ...]:
+                  present: Collection[str]) -> tuple[tuple[str, float], ...]:
     """Effects listed with a member of a set, or in its place, with their probabilities.
 
     Parameters
@@ -119,7 +119,7 @@ def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effe
     values : (k,) array
         Its parameters.
     present : collection of str
-        Components beside it in the set to report, which are no alternatives to it.
+        Components beside it in the set to report that are sure: where it is not, they are no alternatives to it.
 
     Returns
     -------

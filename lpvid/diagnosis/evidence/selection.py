@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from lpvid.baselines.budgets import LONG
-from lpvid.diagnosis.evidence.calibration import Support, match_family
+from lpvid.diagnosis.evidence.calibration import Support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members, WeighedSets
 from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, keeps_names, named_alike, named_once, too_little
-from lpvid.diagnosis.evidence.rivals import SIGNIFICANT, name_in, rivals_beside
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, name_in, rivals_beside
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.weighed_sets import component_weights, confirmed_sets, forms_sure, reported_set
 from lpvid.diagnosis.folds import errors_on_other_fold, join_folds, out_of_fold
@@ -59,13 +59,12 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
             break
         smaller[best.members] = best.members - unhelpful
         dropped |= dict.fromkeys(unhelpful, "the error out of fold is no lower with it")
-    found = _assessed(search, fits, sets, best, best, ablations, dropped)
+    found = _assessed(search, fits, sets, best, ablations, dropped)
     if not best.members:
         return replace(found, least_error_set=_least_error_set(search, fits))
     for w in _better_predicting(search, fits, sets, best):
         ablations, unhelpful = _ablated(search, fits, w)
-        other = None if unhelpful else _assessed(search, fits, sets, best, w, ablations, dropped)
-        if other is not None and keeps_names(other, found):
+        if not unhelpful and keeps_names(other := _assessed(search, fits, sets, w, ablations, dropped), found):
             return named_alike(other, found)
     return found
 
@@ -80,12 +79,12 @@ def _ablated(search: SetSearch, fits: dict[Members, Refit], w: EvaluatedSet) -> 
                        if not _lowers_error(search.problem, ablation, after)}
 
 
-def _assessed(search: SetSearch, fits: dict[Members, Refit], sets: WeighedSets, best: EvaluatedSet, w: EvaluatedSet,
+def _assessed(search: SetSearch, fits: dict[Members, Refit], sets: WeighedSets, w: EvaluatedSet,
               ablations: Sequence[Refit], dropped: Mapping[str, str]) -> SelectedSet:
-    """A set with its members assessed; `best` is the most probable set, of which the neighbours were visited."""
+    """A set with its members assessed."""
     problem, root, fit = search.problem, search.root.fit, fits[w.members]
     after = folds_of(problem, fit)
-    members = [_member(search, sets, best, w, fit, after, e, r) for e, r in zip(w.effects, ablations, strict=True)]
+    members = [_member(search, sets, w, fit, after, e, r) for e, r in zip(w.effects, ablations, strict=True)]
     members.sort(key=lambda m: -m.change)
     members = named_once(members, sets)
     relative_error = search.relative_rms(problem.unweighed(after))
@@ -255,8 +254,8 @@ def _most_probable_with(effect: Effect, sets: WeighedSets, w: EvaluatedSet) -> E
     return next((v for v, _ in sets if effect in v.effects), w)
 
 
-def _member(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, w: EvaluatedSet,
-            fit: Refit, after: np.ndarray, effect: Effect, ablation: Refit) -> SetMember:
+def _member(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, fit: Refit, after: np.ndarray, effect: Effect,
+            ablation: Refit) -> SetMember:
     """An effect of a set `w` as a member; its rivals are those in the most probable set that holds it.
 
     The neighbours of that set were visited, and whether a name is sure must not depend on which of several nearly as
@@ -264,16 +263,17 @@ def _member(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, w: Evaluat
     leave a third of what friction alone leaves, and what replaces friction there need not do so beside a spring.
     """
     problem = fit.problem
-    gains = _gains(problem, ablation, after)
+    better = float(np.mean(_gains(problem, ablation, after) > 0))
     before, left = (float(np.sum(problem.unweighed(e) ** 2)) for e in (folds_of(problem, ablation), after))
     name, _, support = name_in(search, sets, w, effect)
-    of_family = Support.of(sets, match_family(effect.family)).probability
+    family = Support.of(sets, match_family(effect.family))
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    present = {k for e, k in zip(w.effects, w.components, strict=True) if e is not effect}
+    present = {k for e, k in zip(w.effects, w.components, strict=True)
+               if e is not effect and Support.of(sets, match_component(k)).probability >= NAMED_PROBABILITY}
     rivals = rivals_beside(search, sets, _most_probable_with(effect, sets, w), effect, values, present)
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
-    return SetMember(effect, name, values, support.probability, of_family, support.weight, rivals,
-                     ablation.cost - fit.cost, gain_percent(before, left) if before > 0 else 0.0,
-                     float(np.mean(gains > 0)), search.relative_rms(problem.unweighed(ablation.errors - fit.errors)),
+    return SetMember(effect, name, values, support.probability, family.probability, support.weight, rivals,
+                     ablation.cost - fit.cost, gain_percent(before, left) if before > 0 else 0.0, better,
+                     search.relative_rms(problem.unweighed(ablation.errors - fit.errors)),
                      float(gain) if np.isfinite(gain) else None)

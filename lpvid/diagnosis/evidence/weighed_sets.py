@@ -17,8 +17,9 @@ def confirmed_sets(search: SetSearch, rejected_sets: Collection[Members], smalle
 
     Where some members of a set do not lower the error out of fold, its weight goes to the most probable visited set
     within what is left: to drop it would lower the weight of its other members too. So does that of a rejected set. A
-    component counts as the same wherever it sits: friction behind a spring is friction without it. Where no visited
-    set with a cause is left it is dropped: that it fails is no evidence for the baseline alone.
+    component counts as the same wherever it sits, also in a rejected set: friction behind a spring is friction without
+    it. A flexible form is no component. Where no visited set with a cause is left the weight is dropped: that the set
+    fails is no evidence for the baseline alone.
 
     Parameters
     ----------
@@ -32,20 +33,24 @@ def confirmed_sets(search: SetSearch, rejected_sets: Collection[Members], smalle
     -------
     sequence of (EvaluatedSet, float)
     """
-    visited = {w.members: w for w, _ in posterior(search)}
+    visited = {w.members: w for w, _ in posterior(search)}  # the most probable first
     weights = {members: 0.0 for members in visited if members not in smaller and members not in rejected_sets}
     for w, p in posterior(search):
         members = w.members
         while members in smaller:
             members = smaller[members]
-        parts = {e.component for e in w.effects if e.name in members}
-        within = [m for m in weights if parts >= {e.component for e in visited[m].effects} and (m or not w.members)]
-        if within:
-            weights[w.members if w.members in weights else within[0]] += p
+        within = (m for m in weights if m and _parts(visited[m], m) <= _parts(w, members))
+        if (target := w.members if w.members in weights else next(within, None)) is not None:
+            weights[target] += p
     total = sum(weights.values())
     if total <= 0:
         return [(search.root, 1.0)]
     return sorted(((visited[m], p / total) for m, p in weights.items()), key=lambda t: -t[1])
+
+
+def _parts(w: EvaluatedSet, members: Members) -> set[str]:
+    """Components of some members of a set, wherever they sit; flexible forms by their own names."""
+    return {e.name if e.flexible else e.component for e in w.effects if e.name in members}
 
 
 def reported_set(sets: WeighedSets) -> EvaluatedSet:

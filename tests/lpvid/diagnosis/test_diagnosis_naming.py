@@ -239,6 +239,12 @@ def test_weight_goes_to_the_most_probable_set_within_what_is_left_wherever_its_c
     search = SimpleNamespace(visited={w.members: w for w in sets}, root=sets[3])
     smaller = {sets[0].members: frozenset({"behind", "wave", "kink"})}
     assert weighed_sets.confirmed_sets(search, (), smaller)[:2] == [(sets[2], pytest.approx(0.65)), (sets[1], 0.3)]
+    loop = of_cost(1.05, part("loop", component="dry", flexible=True))  # holds a spring too
+    monkeypatch.setattr(weighed_sets, "posterior", lambda search: [
+        (sets[1], 0.5), (loop, 0.3), (sets[2], 0.2), (sets[3], 0.0)])
+    search = SimpleNamespace(visited={w.members: w for w in (sets[1], loop, *sets[2:])}, root=sets[3])
+    found = weighed_sets.confirmed_sets(search, (), {sets[1].members: frozenset({"behind"})})
+    assert found[0] == (sets[2], pytest.approx(0.7))
 
 
 def test_that_a_set_fails_out_of_fold_is_no_evidence_for_the_baseline_alone(monkeypatch):

@@ -158,10 +158,10 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
         search.visited.pop(frozenset({"wave"}), None)  # no search need have visited every part of the set
         return [(search.visited[m], p) for m, p in weights.items() if m in search.visited]
 
-    beside = {}
+    beside, sure = {}, {}
 
     def rivals_beside(search, sets, best, effect, values, present):
-        beside[effect.name] = set(best.members)
+        beside[effect.name], sure[effect.name] = set(best.members), present
         return ()
 
     monkeypatch.setattr(weighed_sets, "posterior", weighed)
@@ -170,6 +170,7 @@ def test_the_set_to_report_is_a_probable_one_that_predicts_best(monkeypatch, hid
     found = diagnose([data], Bent(), [Dry(), Wave()])
     assert found.extended is not None and set(found.extended.effects) == wanted
     assert beside["dry"] == {"dry"}  # rivals were sought beside the most probable set, whichever is reported
+    assert sure["dry"] == set() and sure.get("wave", {"dry"}) == {"dry"}  # what stands beside a cause without doubt
     assert [c.name for c in found.causes] == ["dry"] and set(found.stand_ins) == wanted - {"dry"}
     assert found.causes[0].delta_bic < -10
     assert found.weights is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from helpers.toy_diagnosis import (
     seen,
 )
 from scipy import stats
+from scipy.linalg import sqrtm
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
@@ -137,6 +139,32 @@ class TestRefit:
             inside.append(np.abs(fit.vector - truth) < 1.96 * deviation)
         covered = np.mean(inside)
         assert 0.90 <= covered <= 0.98, covered
+
+    def test_the_covariance_corrects_for_what_a_fit_draws_from_its_own_errors(self, rng: np.random.Generator) -> None:
+        """The same with matrices of samples, and its mean over white noise: σ²(JᵀJ)⁻¹."""
+        block, size = np.repeat(np.arange(6), 8), 3
+        jacobian = rng.standard_normal((48, size)) * np.array([1.0, 1e3, 1e-3])
+        jacobian[block != 2, 2] *= 0.1  # one block determines most of it
+        inverse = np.linalg.inv(jacobian.T @ jacobian)
+        leverage = jacobian @ inverse @ jacobian.T
+        found, oracle = [], []
+        for _ in range(400):
+            noise = rng.standard_normal(48)
+            errors = noise - leverage @ noise
+            fit = SimpleNamespace(vector=np.zeros(size), at_bounds=lambda: np.zeros(size, dtype=bool), errors=errors,
+                                  jacobian=jacobian, variance=0.0)
+            scores = np.array([jacobian[b].T @ np.linalg.inv(sqrtm(np.eye(8) - leverage[np.ix_(b, b)])) @ errors[b]
+                               for b in (block == k for k in range(6))])
+            found.append(covariance(SimpleNamespace(block=block), fit))  # type: ignore[arg-type]
+            oracle.append(inverse @ scores.T @ scores @ inverse)
+        np.testing.assert_allclose(found, oracle, rtol=1e-6, atol=1e-12 * np.abs(oracle).max())
+        np.testing.assert_allclose(np.diag(np.mean(found, axis=0)), np.diag(inverse), rtol=0.15)
+
+    def test_a_number_that_one_block_determines_has_its_interval(self, rng: np.random.Generator) -> None:
+        problem, composition = problem_of(record(rng, hidden=lambda u: 3 * once(u)))
+        fit = refit(problem, Composition(composition.baseline, (Once(),)), np.array([*TRUE, 3.0]))
+        usual = np.sqrt(fit.variance * np.diag(np.linalg.inv(fit.jacobian.T @ fit.jacobian)))
+        assert 1.0 <= np.sqrt(covariance(problem, fit)[-1, -1]) / usual[-1] < 3.0
 
     def test_stays_inside_its_bounds(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng, hidden=lambda u: 300 * np.sign(u)))
