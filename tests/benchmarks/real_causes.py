@@ -116,7 +116,7 @@ def table(found: list[dict]) -> str:
     marks, ratios = [], []
     for row in found:
         answer = real_answers.answer(_base(row["group"]), row["baseline"])
-        how, hand = mark(row, answer), real_answers.by_hand(row["group"], row["baseline"])
+        how, hand = mark(row, answer), real_answers.BY_HAND[row["group"]]
         if answer is not None:
             marks.append(how)
             if row["outcome"] == "answered":
