@@ -12,7 +12,7 @@ from quartercar.dampers.stepper import GAMMA, RATIO
 from quartercar.effects._series_kernels import _deflection
 
 ROUNDS = 60
-"""doublings and halvings of a bracket at most, as many as a number has digits; three to six rounds are usual"""
+"""steps towards a root at most, as many halvings as a number has digits; two or three are usual"""
 
 
 @njit(error_model="numpy")
@@ -134,73 +134,66 @@ def _first(own, x, stiffness, element):
 
 @njit(error_model="numpy")
 def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own, springs, element, fine):
-    """Speed behind the elements at a stage, with the slip, state and deflection there: bracketed, then by secants.
+    """Speed behind the elements at a stage, with the slip, state and deflection there: Newton's method, safeguarded.
 
-    Illinois' rule (Dowell and Jarratt 1971, BIT 11, 168-174), and a halving where it leaves more than half a bracket.
+    A step that leaves the bracket of the root, or follows one that did not halve the error, goes to the middle of the
+    bracket; without a bracket it is twice the one before, as far as it was too short.
     """
-    error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
-                                       springs, element)
-    if error == 0.0 or not math.isfinite(error):
-        return w, slip, ahead, d
-    move = -error / (ah + soft * c0 * c1 / (c0 + c1))
-    low = high = w
-    below = above = error
+    low, high, before, move, ahead = -math.inf, math.inf, math.inf, 0.0, z
     for _ in range(ROUNDS):
-        w += move
-        error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
-                                           springs, element)
-        if error > 0.0:
-            high, above = w, error
-        else:
-            low, below = w, error
-        if below <= 0.0 <= above or not math.isfinite(error):
-            break
-        move *= 2.0
-    side = 0
-    for _ in range(ROUNDS):
-        if error == 0.0 or not high - low > fine:
-            break
-        width = high - low
-        w = low + width * below / (below - above)
-        if not low < w < high:
-            w = low + 0.5 * width
-        error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
-                                           springs, element)
-        if abs(error) <= ah * fine:  # the slope of the gap is a h at least
+        error, slope, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own,
+                                            springs, element, ahead)
+        if not abs(error) > slope * fine:
             break
         if error > 0.0:
-            high, above = w, error
-            below *= 0.5 if side > 0 else 1.0
-            side = 1
+            high = w
         else:
-            low, below = w, error
-            above *= 0.5 if side < 0 else 1.0
-            side = -1
-        if high - low > 0.5 * width:
-            w = low + 0.5 * (high - low)
-            error, soft, slip, ahead, d = _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n,
-                                               own, springs, element)
-            if error > 0.0:
-                high, above = w, error
-            else:
-                low, below = w, error
-            side = 0
+            low = w
+        slow, step = abs(error) > 0.5 * before, -error / slope
+        if high - low < math.inf:
+            w = w + step if not slow and low < w + step < high else 0.5 * (low + high)
+            if high - low < fine:
+                break
+        else:
+            move = math.copysign(max(abs(step), 2.0 * abs(move)), step) if slow else step
+            w += move
+        before = abs(error)
     return w, slip, ahead, d
 
 
 @njit(error_model="numpy")
-def _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own, springs, element):
-    """D(F(w) − F_0) less the deflection of the motion at a speed w, D' there, and slip, state and deflection.
+def _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own, springs, element, start):
+    """D(F(w) − F_0) less the deflection of the motion at a speed w, its slope, and slip, state and deflection.
 
     The pair takes the parameters of the middle of its step; the force those of the stage, `own`: c_0, c_1 and α.
     """
     d = known + ah * (v - w)
     inner = x - d
-    slip, ahead = _stage(y, z, inner, w, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
+    slip, ahead = _stage(y, z, inner, w, ah, c0, k0, c1, alpha, beta, gamma, delta, n, start)
     rate = node_rate(y + ah * w - slip, ahead, inner, w, own[0], k0, own[1], own[2])
     force = own[1] * rate + springs[0] * inner + springs[1]
     under, soft = _deflection(force, element)
-    return under - d, soft, slip, ahead, d
+    span, left = c0 + c1 + ah * k0, inner - y - ah * w
+    p, q = ah * (c1 * w - k0 * left) / span, ah * alpha / span
+    _, _, _, slip_w, z_w = _slopes(z, p, q, slip, ahead, ah * c1 / span, beta, gamma, delta, n)
+    force_w = own[1] * (own[2] * z_w + own[0] + k0 * slip_w) / (own[0] + own[1]) + springs[0] * ah
+    return under - d, ah + soft * force_w, slip, ahead, d
+
+
+@njit(error_model="numpy")
+def _slopes(z, p, q, slip, ahead, faster, beta, gamma, delta, n):
+    """At a solved stage: bend, |z'|^n and the slope of z' over p − q z' + z'; slip and z' over the speed.
+
+    By the speed alone `faster` is the change of p: the deflection falls by a h, and x − d − a h w stays.
+    """
+    side, sense = (1.0 if ahead >= 0.0 else -1.0), (1.0 if p - q * z >= 0.0 else -1.0)
+    size, bend = abs(ahead), gamma * sense * side + beta
+    power = (size * size if n == 2.0 else size**n) if size > 0.0 else 0.0
+    tilt = bend * n * power / size * side if size > 0.0 else 0.0
+    gain = delta - bend * power
+    steep = 1.0 + q * gain + slip * tilt
+    z_w = gain * faster / steep
+    return bend, power, steep, faster - q * z_w, z_w
 
 
 @njit(error_model="numpy")
@@ -235,19 +228,13 @@ def _stage_changes(y, z, inner, w, ah, slip, ahead, middle, there, theta, spring
     e0, e1, ea = theta[0] + theta[1] * there, theta[3] + theta[4] * there, theta[5] + theta[6] * there
     span, left = c0 + c1 + ah * k0, inner - y - ah * w
     p, q = ah * (c1 * w - k0 * left) / span, ah * alpha / span
+    bend, power, steep, slip_w, z_w = _slopes(z, p, q, slip, ahead, ah * c1 / span, beta, gamma, delta, n)
+    gain, size = delta - bend * power, abs(ahead)
     side, sense = (1.0 if ahead >= 0.0 else -1.0), (1.0 if p - q * z >= 0.0 else -1.0)
-    size, bend = abs(ahead), gamma * sense * side + beta
-    power = size**n if size > 0.0 else 0.0
-    tilt = bend * n * power / size * side if size > 0.0 else 0.0
-    gain = delta - bend * power
-    steep = 1.0 + q * gain + slip * tilt
     node = y + ah * w - slip
     rate = node_rate(node, ahead, inner, w, e0, k0, e1, ea)
     force = e1 * rate + springs[0] * inner + springs[1]
     here, soft = _deflection(force, element)
-    p_w = ah * c1 / span  # by the speed alone: the deflection falls by a h, and x − d − a h w stays
-    z_w = gain * p_w / steep
-    slip_w = p_w - q * z_w
     force_w = e1 * (ea * z_w + e0 + k0 * slip_w) / (e0 + e1) + springs[0] * ah
     log = math.log(size) if size > 0.0 else 0.0
     for j in range(dy.size):

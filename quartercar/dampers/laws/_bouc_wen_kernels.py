@@ -56,10 +56,10 @@ def advance(y, z, x0, x1, v0, v1, h, c0, k0, c1, alpha, beta, gamma, delta, n):
     ah = GAMMA * h
     va = v0 + GAMMA * (v1 - v0)
     xa = x0 + GAMMA * (x1 - x0)
-    slip, za = _stage(y, z, xa, va, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
+    slip, za = _stage(y, z, xa, va, ah, c0, k0, c1, alpha, beta, gamma, delta, n, z)
     yb = y + RATIO * (ah * va - slip)
     zb = _capped(z, z + RATIO * (za - z), beta + gamma, delta, n)
-    slip, zc = _stage(yb, zb, x1, v1, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
+    slip, zc = _stage(yb, zb, x1, v1, ah, c0, k0, c1, alpha, beta, gamma, delta, n, zb)
     return yb + ah * v1 - slip, zc
 
 
@@ -82,14 +82,17 @@ def _capped(z, ahead, bend, delta, n):
 
 
 @njit(error_model="numpy")
-def _stage(y, z, x, v, ah, c0, k0, c1, alpha, beta, gamma, delta, n):
-    """Slip a h r and state z of an implicit stage: z' = z + G(z') w, w = p − q z', G = δ − (γ sgn(r z') + β)|z'|^n."""
+def _stage(y, z, x, v, ah, c0, k0, c1, alpha, beta, gamma, delta, n, start):
+    """Slip a h r and state z of an implicit stage: z' = z + G(z') w, w = p − q z', G = δ − (γ sgn(r z') + β)|z'|^n.
+
+    `start` is the first guess of z'.
+    """
     span = c0 + c1 + ah * k0
     p = ah * (c1 * v - k0 * (x - y - ah * v)) / span
     q = ah * alpha / span
     w = p - q * z
     sense = 1.0 if w.real >= 0 else -1.0
-    root = z + 0.0 * w
+    root = start + 0.0 * w
     low, high = -math.inf, math.inf
     done = False
     scale = abs(z.real) + abs((delta * w).real)

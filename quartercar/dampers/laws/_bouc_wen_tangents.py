@@ -72,7 +72,7 @@ def advance_partials(x0, x1, v0, v1, h, point, between, part):
     beta, gamma, delta, n = point[6], point[7], point[8], point[9]
     ah = GAMMA * h
     va, xa = v0 + GAMMA * (v1 - v0), x0 + GAMMA * (x1 - x0)
-    slip, za = _stage(y, z, xa, va, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
+    slip, za = _stage(y, z, xa, va, ah, c0, k0, c1, alpha, beta, gamma, delta, n, z)
     for i in range(INPUTS):
         between[0, i] = 1.0 if i == 0 else 0.0
         between[1, i] = 1.0 if i == 1 else 0.0
@@ -88,7 +88,7 @@ def advance_partials(x0, x1, v0, v1, h, point, between, part):
             dratio = (1.0 if i == 6 or i == 7 else -ratio if i == 8 else 0.0) / delta
             between[1, i] = -zb * dratio / (ratio * n) + (zb * math.log(ratio) / (n * n) if i == 9 else 0.0)
     point[0], point[1] = y + RATIO * (ah * va - slip), zb
-    slip, zc = _stage(point[0], zb, x1, v1, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
+    slip, zc = _stage(point[0], zb, x1, v1, ah, c0, k0, c1, alpha, beta, gamma, delta, n, zb)
     stage_partials(slip, zc, x1, v1, ah, point, between, part)
     for i in range(INPUTS):
         part[0, i] = between[0, i] - part[0, i]
