@@ -27,5 +27,6 @@ DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
     clock.mixed_rates, spectrum.noise, spectrum.oversampled, force.mixed_polarity, force.offset_between,
     motion.magnitude, excitation.scheduling, excitation.same_excitation, gains.motion_gain_varies,
     gains.force_gain_varies,
+    gains.force_scale_varies,
 )
 """Checks of all records together."""

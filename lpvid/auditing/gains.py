@@ -23,6 +23,8 @@ HARMONICS = 7
 """harmonics of a sine's force that are compared"""
 MOST = 40
 """records that are compared with each other"""
+PREFIX = np.sqrt(1000.0)
+"""ratio of two forces that is nearer to a thousand, as between N and kN, than to one"""
 
 
 def motion_gain_varies(views: Sequence[View]) -> Iterator[Finding]:
@@ -77,6 +79,35 @@ def force_gain_varies(views: Sequence[View]) -> Iterator[Finding]:
                       f"{100 * rest:.2g} % of it" + (f"; {len(found) - 1} more pair(s)" if len(found) > 1 else "")
                       + ": a gain, or another state of the specimen",
                       "check the range of the amplifier in both; correct one or do not use them together", gain)
+
+
+def force_scale_varies(views: Sequence[View]) -> Iterator[Finding]:
+    """A force that is a thousand times that of another record: newtons and kilonewtons under one label.
+
+    With the ratio u of two speeds a dry force stays, a viscous one grows as u and a turbulent loss as u². What no power
+    of these explains counts from `PREFIX` on.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Records with force and motion count.
+
+    Yields
+    ------
+    Finding
+        ``force-scale-varies``, a warning; its value is the ratio of the two forces.
+    """
+    found = [(float(np.std(run[1])), float(np.std(run[0] if view.velocity else np.diff(run[0]) / view.period)), view)
+             for view in views if view.force and view.period and (view.velocity or view.displacement)
+             and (run := view.run(view.velocity or view.displacement, view.force, longest=20_000)) is not None]
+    if not found or not min(force for force, _, _ in found) > 0:
+        return
+    (small, slow, one), (large, fast, other) = min(found, key=lambda f: f[0]), max(found, key=lambda f: f[0])
+    if large > PREFIX * small * max(fast / max(slow, 1e-300), 1.0) ** 2:
+        yield Finding("force-scale-varies", "", str(other.force), "warning",
+                      f"the force varies by {large:.4g} N rms in '{other.name}' and by {small:.4g} N in '{one.name}', "
+                      f"{large / small:.4g} times as much at {fast / max(slow, 1e-300):.3g} times the speed: kN "
+                      "labelled N, or mV labelled V", "correct the unit of one of them", large / small)
 
 
 class _Motion:

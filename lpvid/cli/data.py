@@ -514,4 +514,4 @@ def _no_shared_files(training: Sequence[str], held_out: Sequence[str]) -> None:
     if shared:
         raise InputError("a file is both training and held-out data", got=", ".join(shared),
                          why="figures on data of the fit show little",
-                         mend="name it once, or use --hold-out 1/3")
+                         mend="name it once")

@@ -81,7 +81,7 @@ def diagnose(
         lpv = _lpv_extension(found, task)
         described = _deliver(results, found, task, lpv, plan_experiment, report_progress)
     if not found.complete:
-        typer.echo("interrupted: no cause was assessed; the result only states where the baseline is wrong", err=True)
+        typer.echo("interrupted: no cause is named; the result is what was found so far, on training data", err=True)
     conclude(results, _described(found, lpv), "\n".join([repr(found), *described]), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)

@@ -19,7 +19,7 @@ import typer
 
 from lpvid._threads import showing_progress
 from lpvid.cli.invocation import Invocation
-from lpvid.cli.leaving import INTERRUPTED, NOTHING_WRITTEN, command_begins
+from lpvid.cli.leaving import INTERRUPTED, NOTHING_WRITTEN, command_begins, was_pressed
 from lpvid.errors import InputError, LpvError
 from lpvid.files.own_results import is_own, listed, note_written
 
@@ -135,6 +135,11 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
         except OSError as error:
             typer.echo(f"error: {error.filename or 'a file'}: {error.strerror or error}", err=True)
             raise typer.Exit(InputError.exit_code) from None
+        except Exception as error:
+            if isinstance(error, typer.Exit | typer.Abort) or not was_pressed():
+                raise
+            typer.echo(NOTHING_WRITTEN, err=True)
+            raise typer.Exit(INTERRUPTED) from None
 
     return run
 

@@ -111,7 +111,7 @@ def with_velocity(record: Record, method: str = "savitzky-golay") -> Record:
         return record
     _checks.one_of(method, METHODS, "method")
     channel = record.channel("displacement")
-    unit = f"{channel.unit}/s" if channel.unit else "1/s"
+    unit = f"{channel.unit}/s" if channel.unit else ""  # taken as SI, as the displacement is
     single = one_row_per_stamp(record, ["displacement"])
     if single is not record:  # rows of one stamp stay apart here: other channels may contradict each other in them
         derived = with_velocity(single, method=method)

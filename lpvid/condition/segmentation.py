@@ -103,18 +103,24 @@ def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
     for name in dict.fromkeys(record.resolve(w) for w in wanted):
         channel = record.channels[name]
         refuse_text([record], [name])
-        if not channel.unit_known:
-            raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
-                             mend="correct the unit in the header, or leave it out if the values are SI")
         made_of = name == "velocity" and any(isinstance(n, Derivation) for n in record.notes)
         if made_of and record.has("displacement"):  # whose unit the derivative has
+            _refuse_unknown_unit(record, record.resolve("displacement"))
             _refuse_unit(record, record.resolve("displacement"), ["displacement"])
+        _refuse_unknown_unit(record, name)
         _refuse_unit(record, name, [w for w in wanted if record.resolve(w) == name])
         infinite = np.flatnonzero(np.isinf(channel.values))
         if infinite.size:
             raise InputError(f"record '{record.name}', channel '{name}' must be finite",
                              got=f"{channel.values[infinite[0]]} in row {infinite[0] + 1}",
                              why="an infinite sample cannot be used", mend="write nan where a sample is missing")
+
+
+def _refuse_unknown_unit(record: Record, name: str) -> None:
+    channel = record.channels[name]
+    if not channel.unit_known:
+        raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
+                         mend="correct the unit in the header, or leave it out if the values are SI")
 
 
 def _refuse_unit(record: Record, name: str, used_as: Sequence[str]) -> None:

@@ -376,7 +376,7 @@ class Diagnosis(Shown):
         lines = [f"{self.verdict}: {self.reason}",
                  f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training"
                  + (f", {self.before.esr_held_out:.4g} held-out" if self.before.part == "held-out" else "")
-                 + f" ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
+                 + f" ({self.held_out}), {self.before.part} rmse {self.before.rmse:.4g} {self.unit}"]
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %, "
                   f"probability {c.probability:.2f}" for c in self.causes[:3]]
         lines += [f"  cannot be distinguished: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
@@ -386,9 +386,10 @@ class Diagnosis(Shown):
                          f"gain {self.gain_percent:.1f} %{other}")
         if self.wrong:
             lines.append("  wrong above all: " + "; ".join(f"{w.where} ({w.share:.0%} of the error)"
-                                                           for w in self.wrong[:3]))
+                                                           for w in self.wrong[:3]) + ", training")
         if hidden := [c.name for c in self.cannot_tell if not c.unmeasured]:
-            lines.append(f"  {len(hidden)} candidates these data could not reveal: " + ", ".join(hidden[:6]))
+            more = f" and {len(hidden) - 6} more" if len(hidden) > 6 else ""
+            lines.append(f"  {len(hidden)} candidates these data could not reveal: " + ", ".join(hidden[:6]) + more)
         if absent := [c.unmeasured for c in self.cannot_tell if c.unmeasured]:
             lines.append(f"  {len(absent)} need a channel that was not measured: " + "; ".join(dict.fromkeys(absent)))
         lines += [f"  note: {n}" for n in self.notes[:4]]

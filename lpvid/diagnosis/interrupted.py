@@ -73,7 +73,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
     before = _figures(problem, bare, baseline.vector)
     wrong = localise(problem, problem.errors(bare, baseline.vector))
     composition, vector, after = bare, baseline.vector, before
-    reason = f"interrupted while {stage}: no cause was assessed"
+    reason = f"interrupted while {stage}: no cause is named"
     if best is not None and best.composition.effects:
         composition, vector = best.composition, best.vector
         after = _figures(problem, composition, vector)

@@ -136,7 +136,7 @@ def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
 def _caveats(found: Diagnosis) -> tuple[str, ...]:
     stated = [f"Held out: {found.held_out}."]
     if not found.complete:
-        stated.insert(0, "The diagnosis was interrupted: no cause was assessed.")
+        stated.insert(0, "The diagnosis was interrupted: no cause is named.")
     if found.noise_floor is None and found.causes:
         stated.append("Nothing in these data repeats, so that the noise level is not known and the share explained is "
                     "a bound.")

@@ -44,10 +44,14 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     if isinstance(parameters, Damper):
         return _baseline(parameters)
     lacking = next((r for r in records if not (r.has("velocity") and r.has("force"))), None)
-    if lacking is not None or not records:
-        raise InputError(f"the baseline '{name}' needs velocity and force",
-                         got="no records" if lacking is None else f"{', '.join(lacking.channels)} in '{lacking.name}'",
-                         mend=checks.role_mend("velocity", "force"))
+    if not records:
+        raise InputError(f"the baseline '{name}' needs velocity and force", got="no records")
+    if lacking is not None:
+        absent = [n for n in ("velocity", "force") if not lacking.has(n)]
+        wanted = ["velocity", "displacement", *absent[1:]] if absent[0] == "velocity" else absent
+        raise InputError(f"the baseline '{name}' needs velocity (or displacement) and force; record '{lacking.name}' has "
+                         f"no {' and no '.join(absent)}", got=f"roles {', '.join(lacking.channels) or 'none'}",
+                         mend=checks.role_mend(*wanted))
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import fit
     from quartercar.dampers.preparing import sense_of

@@ -137,6 +137,19 @@ class TestGains:
         (finding,) = audit(files).of("force-gain-varies")
         assert finding.value == pytest.approx(1.3, rel=0.02) or finding.value == pytest.approx(1.02 / 1.3, rel=0.02)
 
+    def test_of_a_thousand(self) -> None:
+        """Kilonewtons labelled newtons under another motion; no soft beside a hard one, no slow beside a fast run."""
+        (x, v), (other, w) = motion(4), motion(5)
+        first = record(x, v, damper(v), "a")
+
+        def beside(*channels: np.ndarray) -> list:
+            return audit([first, record(*channels, "b")]).of("force-scale-varies")
+
+        (finding,) = beside(other, w, 1e-3 * damper(w))
+        assert 100 < finding.value < 10_000 and "'b'" in finding.evidence
+        assert not beside(other, w, 0.05 * damper(w))
+        assert not beside(0.02 * other, 0.02 * w, 0.02 * damper(w))
+
     @pytest.mark.seconds
     def test_of_sines_that_begin_anywhere(self) -> None:
         """One sine in both files, from another phase on and for another time: compared by harmonics."""

@@ -54,6 +54,34 @@ def test_a_program_in_the_background_ignores_it():
     assert "there is no such file" in done.stderr
 
 
+COMPILING = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from ctypes import CFUNCTYPE
+import typer
+from lpvid.cli.leaving import run_program
+from lpvid.cli.running import command
+
+app = typer.Typer()
+
+@app.command()
+@command
+def go():
+    CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()  # as in a compiler: nothing can catch it there
+    raise RuntimeError("no compiled object yet")
+
+run_program(lambda: app, "go")
+"""
+
+
+def test_ctrl_c_that_a_compiler_turns_into_its_own_error_ends_with_130_and_one_line():
+    done = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "interrupted: nothing was written\n")
+    other = COMPILING.replace("signal.raise_signal(signal.SIGINT)", "None")
+    done = subprocess.run([sys.executable, "-c", other], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1 and "no compiled object yet" in done.stderr  # a bug keeps its traceback
+
+
 @pytest.mark.parametrize("handler", ["default_int_handler", "SIG_IGN"])
 def test_a_caller_that_goes_on_has_its_own_handler_again(handler, monkeypatch, capsys):
     from lpvid.cli import main
