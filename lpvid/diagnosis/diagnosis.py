@@ -388,8 +388,7 @@ class Diagnosis(Shown):
             lines.append("  wrong above all: " + "; ".join(f"{w.where} ({w.share:.0%} of the error)"
                                                            for w in self.wrong[:3]) + ", training")
         if hidden := [c.name for c in self.cannot_tell if not c.unmeasured]:
-            more = f" and {len(hidden) - 6} more" if len(hidden) > 6 else ""
-            lines.append(f"  {len(hidden)} candidates these data could not reveal: " + ", ".join(hidden[:6]) + more)
+            lines.append(f"  {len(hidden)} candidates these data could not reveal: " + ", ".join(hidden))
         if absent := [c.unmeasured for c in self.cannot_tell if c.unmeasured]:
             lines.append(f"  {len(absent)} need a channel that was not measured: " + "; ".join(dict.fromkeys(absent)))
         lines += [f"  note: {n}" for n in self.notes[:4]]

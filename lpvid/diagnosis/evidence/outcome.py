@@ -157,7 +157,7 @@ class EvidenceOutcome:
         law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after)
         repeating, most = (r / self.search.data.discrepancy.output_rms for r in level.repeating)
         foreign = max((float(np.sqrt(x.share)) * left for x in lines), default=0.0)
-        structure = f"the error that the inputs predict is {law_error:.1%} of the output"
+        structure = f"on training data the inputs predict a free-run error of {law_error:.1%} of the output"
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
         structure += f"; an error of at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
         shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \

@@ -274,7 +274,7 @@ def test_a_form_is_listed_with_the_components_that_it_describes_too():
     assert found.weights is not None and found.weights.causes["any-step"] > NAMED_PROBABILITY
     assert not found.causes and [r.names for r in found.rivals] == [("any-step", "cubic")]
     assert found.verdict == "cannot-tell" and "a form that describes cubic too" in found.reason
-    assert "the error that the inputs predict is" in found.reason
+    assert "the inputs predict a free-run error of" in found.reason
     assert found.after.esr_held_out < found.before.esr_held_out
 
 
