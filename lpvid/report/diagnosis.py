@@ -123,11 +123,11 @@ def before_after(found: Diagnosis, task: DiagnosisTask) -> list[draw.BeforeAfter
 def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
     part = found.before.part
     facts = [(f"free-run ESR, baseline, {part}", number(found.before.esr_held_out)),
-             ("rmse, baseline", number(found.before.rmse, 4, found.unit))]
+             (f"free-run rmse, baseline, {part}", number(found.before.rmse, 4, found.unit))]
     if extended:
         facts += [(f"free-run ESR, extended, {part}", number(found.after.esr_held_out)),
-                  ("rmse, extended", number(found.after.rmse, 4, found.unit)),
-                  (f"gain, {part}", f"{found.gain_percent:.1f} %")]
+                  (f"free-run rmse, extended, {part}", number(found.after.rmse, 4, found.unit)),
+                  (f"free-run gain, {part}", f"{found.gain_percent:.1f} %")]
     facts.append(("noise level", number(found.noise_floor, 4, found.unit) if found.noise_floor is not None
                   else "not known"))
     return tuple(facts)
