@@ -98,8 +98,8 @@ def force_scale_varies(views: Sequence[View]) -> Iterator[Finding]:
         ``force-scale-varies``, a warning; its value is the ratio of the two forces.
     """
     found = [(float(np.std(run[1])), float(np.std(run[0] if view.velocity else np.diff(run[0]) / view.period)), view)
-             for view in views if view.force and view.period and (view.velocity or view.displacement)
-             and (run := view.run(view.velocity or view.displacement, view.force, longest=20_000)) is not None]
+             for view in views if view.period and view.force and (name := view.velocity or view.displacement)
+             and (run := view.run(name, view.force, longest=20_000)) is not None]
     if not found or not min(force for force, _, _ in found) > 0:
         return
     (small, slow, one), (large, fast, other) = min(found, key=lambda f: f[0]), max(found, key=lambda f: f[0])
