@@ -49,8 +49,8 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     if lacking is not None:
         absent = [n for n in ("velocity", "force") if not lacking.has(n)]
         wanted = ["velocity", "displacement", *absent[1:]] if absent[0] == "velocity" else absent
-        raise InputError(f"the baseline '{name}' needs velocity (or displacement) and force; record '{lacking.name}' has "
-                         f"no {' and no '.join(absent)}", got=f"roles {', '.join(lacking.channels) or 'none'}",
+        raise InputError(f"the baseline '{name}' needs velocity (or displacement) and force; record '{lacking.name}' "
+                         f"has no {' and no '.join(absent)}", got=f"roles {', '.join(lacking.channels) or 'none'}",
                          mend=checks.role_mend(*wanted))
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import fit
