@@ -136,8 +136,8 @@ def _first(own, x, stiffness, element):
 def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own, springs, element, fine):
     """Speed behind the elements at a stage, with the slip, state and deflection there: Newton's method, safeguarded.
 
-    A step that leaves the bracket of the root, or follows one that did not halve the error, goes to the middle of the
-    bracket; without a bracket it is twice the one before, as far as it was too short.
+    A step goes to the middle of the root's bracket where it would leave that, or where the last one did not halve the
+    error. Without a bracket it is then at least twice the last one.
     """
     low, high, before, move, ahead = -math.inf, math.inf, math.inf, 0.0, z
     for _ in range(ROUNDS):
@@ -150,10 +150,10 @@ def _behind(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, 
         else:
             low = w
         slow, step = abs(error) > 0.5 * before, -error / slope
+        if high - low < fine:
+            break
         if high - low < math.inf:
             w = w + step if not slow and low < w + step < high else 0.5 * (low + high)
-            if high - low < fine:
-                break
         else:
             move = math.copysign(max(abs(step), 2.0 * abs(move)), step) if slow else step
             w += move
@@ -177,7 +177,7 @@ def _gap(y, z, x, v, ah, known, w, c0, k0, c1, alpha, beta, gamma, delta, n, own
     p, q = ah * (c1 * w - k0 * left) / span, ah * alpha / span
     _, _, _, slip_w, z_w = _slopes(z, p, q, slip, ahead, ah * c1 / span, beta, gamma, delta, n)
     force_w = own[1] * (own[2] * z_w + own[0] + k0 * slip_w) / (own[0] + own[1]) + springs[0] * ah
-    return under - d, ah + soft * force_w, slip, ahead, d
+    return under - d, ah + soft * max(force_w, 0.0), slip, ahead, d
 
 
 @njit(error_model="numpy")
