@@ -33,8 +33,8 @@ KEPT = 1.005
 """A promise is kept when the verified figure is at most this factor above it."""
 STRICT = 1e-9
 """margin of the inequalities, in balanced units; what is reported is checked apart from it."""
-SHARPER = 1.001
-"""factor above the least bound at which a solver's matrix is checked: it holds the least one to its accuracy only."""
+SHARPER = (1.001, 1.01)
+"""factors above the least bound at which a solver's matrix is checked: it holds the least one to its accuracy only."""
 TIE = 1e-3
 """weight of tr PΣ, Σ of trace one, beside γ²: without it P has no upper limit where no disturbance drives a state."""
 UNSEEN = 1e-6
@@ -234,7 +234,7 @@ def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: n
     if not plant.at(plant.box.grid(2)).D11.any():
         notes.append(f"the rms of z for white disturbances of unit intensity is at most "
                      f"{np.sqrt(np.trace(b1.T @ p @ b1)):.4g} for every share")
-    return Synthesis("solved", gamma=gamma, gamma_verified=found.gamma, between_grid=found.between_grid,
+    return Synthesis("solved", gamma=max(gamma, found.gamma), gamma_verified=found.gamma, between_grid=found.between_grid,
                      gamma_lower=largest_frozen_norm(driven(loop), found.box)[0], controller=controller,
                      closed_loop=loop, certificate=found, notes=tuple(notes), method=_method(plant.box.grid(2)),
                      why="the closed loop keeps the bound for every share of the control")
@@ -254,9 +254,10 @@ def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace, spread: np.ndarray)
     units = Units.of(idle)
     whole = units.apply(idle)
     for gamma, p in _least(whole, _normal(spread, units)):
-        found = _proof(p / np.outer(units.states, units.states), loop, gamma * SHARPER)
-        if found is not None:
-            return found
+        for factor in SHARPER:
+            found = _proof(p / np.outer(units.states, units.states), loop, factor * gamma)
+            if found is not None:
+                return found
     return None
 
 

@@ -97,9 +97,10 @@ def test_the_data_beside_it_are_read_as_its_training_data_were(folder, tmp_path)
     lpv.save(remembers.replace(metadata={**remembers.metadata, "reading": reading, "roles": roles}),
              tmp_path / "m.json")
     record = run(1)
-    write_table({"Zeit": (1e3 * record.times, ""), "v": (1e3 * record["velocity"], ""),
-                 **{n: (record[n], record.unit(n)) for n in ("displacement", "voltage", "force")}},
-                tmp_path / "run.csv")
+    others = ("displacement", "voltage", "force")
+    columns = [1e3 * record.times, 1e3 * record["velocity"], *(record[n] for n in others)]
+    header = ",".join(["Zeit", "v", *(f"{n} [{record.unit(n)}]" for n in others)])
+    np.savetxt(tmp_path / "run.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
     fitted = call("fit", tmp_path / "run.csv", "--parameters", tmp_path / "m.json").output
     page = call("characterise", tmp_path / "run.csv", "--damper", tmp_path / "m.json", "--json").output
     for printed in (fitted, page):
