@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -186,11 +187,12 @@ class _Lanes(Generic[T, R]):
             for lane in lanes:
                 lane.start()
             while any(lane.is_alive() for lane in lanes):
-                next(lane for lane in lanes if lane.is_alive()).join(POLL)
+                left = math.inf if self.budget is None else max(begun + self.budget - time.monotonic(), 0.0)
+                next(lane for lane in lanes if lane.is_alive()).join(min(POLL, left))
                 with self.lock:
                     running, done = sorted(self.running), sum(d is not None for d in self.found)
                 self.report_progress(done, running, _left(self.found, self.costs, running, self.workers))
-                if self.budget is not None and time.monotonic() - begun > self.budget:
+                if self.budget is not None and time.monotonic() - begun >= self.budget:
                     why = "budget"
                     break
         except KeyboardInterrupt:
