@@ -234,9 +234,10 @@ def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: n
     if not plant.at(plant.box.grid(2)).D11.any():
         notes.append(f"the rms of z for white disturbances of unit intensity is at most "
                      f"{np.sqrt(np.trace(b1.T @ p @ b1)):.4g} for every share")
-    return Synthesis("solved", gamma=max(gamma, found.gamma), gamma_verified=found.gamma, between_grid=found.between_grid,
-                     gamma_lower=largest_frozen_norm(driven(loop), found.box)[0], controller=controller,
-                     closed_loop=loop, certificate=found, notes=tuple(notes), method=_method(plant.box.grid(2)),
+    return Synthesis("solved", gamma=max(gamma, found.gamma), gamma_verified=found.gamma,
+                     gamma_lower=largest_frozen_norm(driven(loop), found.box)[0], between_grid=found.between_grid,
+                     controller=controller, closed_loop=loop, certificate=found, notes=tuple(notes),
+                     method=_method(plant.box.grid(2)),
                      why="the closed loop keeps the bound for every share of the control")
 
 
