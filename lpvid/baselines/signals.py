@@ -35,11 +35,14 @@ class SignalStretch:
         Its place in the time of all records of the diagnosis, 0 their start and 1 their end.
     past : Signals or None
         The part of its record before it, from which the initial value of a slow state, such as heat, follows.
+    record : Signals
+        Its record, whole.
     """
 
     first: int
     span: tuple[float, float]
     past: Signals | None
+    record: Signals
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +254,9 @@ class Signals:
         return found
 
     def as_recorded(self, role: str) -> tuple[Signals, ...]:
-        """All records of the diagnosis if this channel is that of one of them; else these signals alone.
+        """All records of the diagnosis, whole, if this channel is that of one of them; else these signals alone.
+
+        Between the stretches that a search consists of, jumps are no whole number of steps apart.
 
         Parameters
         ----------
@@ -262,7 +267,10 @@ class Signals:
         tuple of Signals
         """
         own = self.channels[role]
-        return self.peers if any(p.channels.get(role) is own for p in self.peers) else (self,)
+        if not any(p.channels.get(role) is own for p in self.peers):
+            return (self,)
+        whole = {id(t.record): t.record for p in self.peers for t in p.stretches}
+        return tuple(whole.values()) or self.peers
 
     def fact(self, role: str, key: object, make: Callable[[np.ndarray], Any]) -> Any:
         """The result of `make` for one channel, computed once for all signals that share it by `replace`.

@@ -34,7 +34,7 @@ def cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tupl
     firsts = np.cumsum([0, *(b - a for _, a, b in parts)])[:-1]
     found = Signals(head.sample_time, channels, np.concatenate([s.output[a:b] for s, a, b in parts]), "stretches",
                     (0.0, 1.0), stretches=tuple(
-                        SignalStretch(int(at), span, cut(s, a) if a else None)
+                        SignalStretch(int(at), span, cut(s, a) if a else None, s)
                         for at, span, (s, a, _) in zip(firsts, spans, parts, strict=True)))
     return replace(found, peers=(found,))
 

@@ -17,6 +17,7 @@ from lpvid.diagnosis.evidence.thinning import (
     stretched,
 )
 from quartercar.effects import CATALOGUE
+from quartercar.effects.electrical import clocked
 from quartercar.effects.thermal import stored_heat
 
 RATE = 500.0
@@ -49,6 +50,19 @@ def test_a_stretch_is_the_record_behind_the_time_that_leads_over_to_it():
             np.testing.assert_array_equal(values[begin:last], long[0][role][at + begin - first: at + last - first])
         np.testing.assert_array_equal(found.output[first:last], long[0].output[at: at + last - first])
         assert t.past is None or t.past.n_samples == at
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_current_is_held_by_the_clock_of_the_record_although_its_stretches_begin_anywhere(count):
+    """Else it would jump half a sample later on average, which beside a resonance was named as a delay."""
+    moves = [moving(20000, seed=k) for k in range(count)]
+    held = np.repeat(np.random.default_rng(1).uniform(0.0, 2.0, 2000), 10)
+    long = in_turn([replace(s, channels={**s.channels, "current": held}) for s in moves])
+    (found,) = stretched(long)
+    assert any(first % 10 for first, _ in found.pieces)  # jumps of two stretches: no multiple of ten samples apart
+    assert clocked(found) and clocked(found.evaluated(velocity=0.5 * found["velocity"]))
+    shifted = found.replace(current=np.roll(found["current"], 1))
+    assert shifted.as_recorded("current") == (shifted,)
 
 
 def test_what_was_recorded_late_is_read_inside_the_record():
