@@ -120,7 +120,8 @@ def clocked(s: Signals) -> bool:
     """Whether a held current jumps at samples: all times between its jumps are multiples of some samples.
 
     Decided over all records together, as `is_sharp`. A current with a clock of its own jumps between two samples,
-    half-way on average.
+    half-way on average. Jumps of neighbouring samples have the clock of the samples where levels of one sample are
+    between them, so that they oppose each other; the two parts of one jump over two samples have one sign.
 
     Parameters
     ----------
@@ -135,15 +136,17 @@ def clocked(s: Signals) -> bool:
     --------
     >>> def steps(*lengths):
     ...     return Signals(0.01, {"current": np.repeat(np.arange(len(lengths)) % 3, lengths)}, np.zeros(sum(lengths)))
-    >>> clocked(steps(20, 30, 10, 20, 10)), clocked(steps(25, 26, 25, 26, 26))
-    (True, False)
+    >>> [clocked(steps(*n)) for n in ((20, 30, 10, 20, 10), (25, 26, 25, 26, 26), (25, 1, 1, 3, 1, 2, 1, 1, 5))]
+    [True, False, True]
     """
-    def apart(current: np.ndarray) -> np.ndarray:
-        return np.diff(np.flatnonzero(np.abs(np.diff(current)) > DISTINCT * np.ptp(current)))
+    def jumps_of(current: np.ndarray) -> np.ndarray:
+        steps = np.diff(current)
+        return np.where(np.abs(steps) > DISTINCT * np.ptp(current), steps, 0.0)
 
     def find(_: np.ndarray) -> bool:
-        times = np.concatenate([apart(p["current"]) for p in s.as_recorded("current") if p.has("current")])
-        return times.size < 2 or int(np.gcd.reduce(times)) > 1
+        found = [jumps_of(p["current"]) for p in s.as_recorded("current") if p.has("current")]
+        times = np.concatenate([np.diff(np.flatnonzero(d)) for d in found])
+        return times.size < 2 or int(np.gcd.reduce(times)) > 1 or sum(float(d[1:] @ d[:-1]) for d in found) < 0
 
     return held(s) and s.fact("current", "is clocked", find)
 
