@@ -30,8 +30,8 @@ LAG_SHARE = EffectParameter("lag_share", "", "lambda, share of T that is a first
 def is_held(current: np.ndarray) -> bool:
     """Whether a current is constant between its samples, within the noise of its sensor, and jumps at them.
 
-    Most increments are far below their rms, and neighbouring ones are uncorrelated: an edge that was recorded after a
-    filter takes two samples or more.
+    Most increments are far below their rms, or it has two levels, between which it may jump at every second sample. And
+    neighbouring increments are uncorrelated: an edge that was recorded after a filter takes two samples or more.
 
     Parameters
     ----------
@@ -49,7 +49,9 @@ def is_held(current: np.ndarray) -> bool:
     (True, False, False)
     """
     increments = np.diff(current)
-    return jumps(current) and float(increments[1:] @ increments[:-1]) < ALIKE * float(increments @ increments)
+    if not (jumps(current) or _levels_of(current) == 2):
+        return False
+    return float(increments[1:] @ increments[:-1]) < ALIKE * float(increments @ increments)
 
 
 def is_constant(current: np.ndarray, largest: float) -> bool:
@@ -171,7 +173,12 @@ def levels(signals: Sequence[Signals]) -> int:
     >>> levels([current(np.repeat([0.0, 2.0, 0.0], 9)), current(np.full(9, 2.0))]), levels([current(np.arange(9.0))])
     (2, 0)
     """
-    i = np.sort(np.concatenate([s["current"] for s in signals]))
+    return _levels_of(np.concatenate([s["current"] for s in signals]))
+
+
+def _levels_of(current: np.ndarray) -> int:
+    """`levels` of the values of a current, (n,), in any order."""
+    i = np.sort(current)
     span = float(i[-1] - i[0])
     if constant(float(i[0]), float(i[-1]), "A"):
         return 1
