@@ -85,10 +85,8 @@ def automatic(
     kappa = effective_samples(problem, problem.errors(composition, best.baseline.vector)).kappa
     count = kappa * problem.n_samples
 
-    def criterion(law: Law) -> float:
-        return count * float(np.log(max(law.error, TINY))) + law.baseline.vector.size * float(np.log(max(count, 2.0)))
-
-    ranked = sorted(found, key=criterion)
+    ranked = sorted(found, key=lambda law: count * np.log(max(law.error, TINY)) + law.baseline.vector.size * np.log(
+        max(count, 2.0)))
     spread = max(problem.spread**2, TINY)
     described = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
     chosen = ranked[0].baseline

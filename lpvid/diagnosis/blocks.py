@@ -1,4 +1,4 @@
-"""Blocks: stretches of the records that count as independent, in two alternating folds."""
+"""Blocks: stretches of the records that count as independent, in two folds."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ class Blocks:
     count : int
         Blocks in all.
     fold : (count,) int array
-        0 and 1 alternating in time, by a period of the motion at least.
+        0 or 1: of whole records, or alternating in time.
+    halves : str
+        Which.
     length : float
         Of a block [s].
     """
@@ -48,6 +50,7 @@ class Blocks:
     number: tuple[np.ndarray, ...]
     count: int
     fold: np.ndarray
+    halves: str
     length: float
 
     @classmethod
@@ -56,7 +59,7 @@ class Blocks:
 
         An error lasts about as long as what causes it: a block holds a stroke at least, half a period of the motion.
         Where it is shorter than a period two blocks in a row are of one fold, so that every fold has strokes of either
-        direction.
+        direction. Of several records each is of one fold.
 
         Parameters
         ----------
@@ -76,13 +79,14 @@ class Blocks:
             Records too short for it.
         """
         period = signals[0].sample_time
-        pieces = [(k, first, last, bool(s.stretches)) for k, s in enumerate(signals) for first, last in s.pieces]
+        pieces = [(k, id(of), *ends, bool(s.stretches)) for k, s in enumerate(signals)
+                  for ends, of in zip(s.pieces, [t.record for t in s.stretches] or [s], strict=True)]
         start_up = [START_UP / period if part else min(START_UP / period, 0.05 * (last - first))
-                    for _, first, last, part in pieces]
+                    for _, _, first, last, part in pieces]
         heads = [max(start, round(h)) for h in start_up]
-        pieces = [(k, first + head, last - round(LOOK_AHEAD / START_UP * h))
-                  for (k, first, last, _), head, h in zip(pieces, heads, start_up, strict=True)]
-        total = sum(max(last - first, 0) for _, first, last in pieces) * period
+        pieces = [(k, of, first + head, last - round(LOOK_AHEAD / START_UP * h))
+                  for (k, of, first, last, _), head, h in zip(pieces, heads, start_up, strict=True)]
+        total = sum(max(last - first, 0) for _, _, first, last in pieces) * period
         length = float(np.clip(total / WANTED, SHORTEST, LONGEST))
         in_a_row = 1
         if total < FEWEST * length:
@@ -90,13 +94,46 @@ class Blocks:
             length = max(total / FEWEST - period, min(SHORTEST, cycle / 2))
             in_a_row = 1 if length >= min(SHORTEST, cycle) else 2
         size = max(round(length / period), FEWEST)
-        numbers, count, folds = [np.full(s.n_samples, -1) for s in signals], 0, []
-        for k, begin, last in pieces:
+        numbers, records = [np.full(s.n_samples, -1) for s in signals], []
+        for k, of, begin, last in pieces:
             for first in range(begin, last - size + 1, size):
-                numbers[k][first + round(GAP * size): first + size] = count
-                folds.append(count // in_a_row % 2)
-                count += 1
-        if count < FEWEST:
+                numbers[k][first + round(GAP * size): first + size] = len(records)
+                records.append(of)
+        if len(records) < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
                              why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
-        return cls(tuple(numbers), count, np.array(folds), length)
+        return cls(tuple(numbers), len(records), *_folds(records, in_a_row), length)
+
+
+def _folds(records: Sequence[int], in_a_row: int) -> tuple[np.ndarray, str]:
+    """Fold of each block: by whole records where either fold then has half as many blocks as the other, at least.
+
+    A law that fits the motions of its records only has a larger error on a further record: blocks of the same records
+    do not show it. Without such records the folds alternate in time.
+
+    Parameters
+    ----------
+    records : sequence of int
+        Of every block: its record.
+    in_a_row : int
+        Blocks of one fold in a row.
+
+    Returns
+    -------
+    fold : (blocks,) int array
+        0 or 1.
+    halves : str
+        Of what they consist.
+
+    Examples
+    --------
+    >>> _folds([7, 7, 5, 5, 5, 9], 1), _folds([7, 7, 7, 7, 7, 7, 5], 2)
+    ((array([0, 0, 1, 1, 1, 0]), 'alternating records'), (array([0, 0, 1, 1, 0, 0, 1]), 'alternating blocks'))
+    """
+    fold, held = {}, [0, 0]
+    for record in dict.fromkeys(records):  # each to the smaller fold
+        fold[record] = int(held[1] < held[0])
+        held[fold[record]] += records.count(record)
+    if 2 * min(held) >= max(held):
+        return np.array([fold[r] for r in records]), "alternating records"
+    return np.arange(len(records)) // in_a_row % 2, "alternating blocks"

@@ -133,10 +133,10 @@ class EvidenceOutcome:
             reason = f"the free run of {self.baseline.name} is farther from the data than their mean (held-out ESR " \
                      f"{before.esr_held_out:.3g}): take a baseline that simulates them, for example auto"
         wrong = localise(problem, problem.errors(selected.root.composition, selected.root.vector))
-        rest = localise(problem, left)
+        places = "; ".join(f"{w.where} ({w.share:.0%})" for w in localise(problem, left)[:2])
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
-            "alternating blocks; each is predicted by the fit to the others, in which it counts for a hundredth"
+            f"{problem.blocks.halves}; each is predicted by the fit to the others, in which it counts for a hundredth"
         in_set = {n for m in members for n in (m.effect.name, m.name)}
         return Diagnosis(
             verdict, reason, {**self.baseline.with_vector(selected.root.vector).describe()}, before, after,
@@ -148,8 +148,8 @@ class EvidenceOutcome:
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
             weights=SetProbabilities(self._families(), float(sum(p for w, p in selected.sets if not w.members)),
-                                     selected.law_error, _place(rest), self._listed_sets(after.esr_held_out),
-                                     component_support(selected.sets)))
+                                     selected.law_error, places or "in every part of the records alike",
+                                     self._listed_sets(after.esr_held_out), component_support(selected.sets)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[SetMember], contested: Sequence[SetMember], others: Sequence[SetMember],
@@ -271,7 +271,7 @@ class EvidenceOutcome:
 
     def _invisible(self, in_set: set[str]) -> tuple[CannotTell, ...]:
         """Candidates that are detectable only where they change as much as the whole output."""
-        out = []
+        out, output_rms = [], self.search.data.discrepancy.output_rms
         for e in self.screened:
             unit = e.effect.parameters[0].unit
             if e.effect.name in in_set:
@@ -279,7 +279,7 @@ class EvidenceOutcome:
             if e.smallest_detectable is None or e.best is None:
                 out.append(CannotTell(e.effect.name, "it is not detectable in these data at any strength", None, unit,
                                       e.effect.experiment))
-            elif _change_at(e, e.smallest_detectable) > self.search.data.discrepancy.output_rms:
+            elif e.best.size * e.smallest_detectable / max(e.best.strength, TINY) > output_rms:  # it is proportional
                 why = f"only {e.effect.parameters[0].name} above {e.smallest_detectable:.3g} {unit}".rstrip()
                 out.append(CannotTell(e.effect.name, f"{why} is detectable", e.smallest_detectable, unit,
                                       e.effect.experiment))
@@ -317,16 +317,6 @@ def _either(m: SetMember, signals: Sequence[Signals]) -> str:
 def _share_of(part: float, reduction: float) -> float:
     """Of a reduction of the cost; 0 where there is none."""
     return float(part / reduction) if reduction > 0 else 0.0
-
-
-def _change_at(e: ScreeningResult, strength: float) -> float:
-    """Root mean square of the change of the output by an effect at a strength, in proportion."""
-    assert e.best is not None
-    return e.best.size * strength / max(e.best.strength, TINY)
-
-
-def _place(wrong: Sequence[ErrorRegime]) -> str:
-    return "; ".join(f"{w.where} ({w.share:.0%})" for w in wrong[:2]) or "in every part of the records alike"
 
 
 def alternatives(experiments: Sequence[str]) -> str:

@@ -250,11 +250,6 @@ def match_names(*names: str) -> Matcher:
     return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if {k, e.name} & {*names}), None)
 
 
-def _match_any(*matchers: Matcher) -> Matcher:
-    """Matches what the first of several matchers does that matches anything."""
-    return lambda w: next((e for match in matchers if (e := match(w)) is not None), None)
-
-
 def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: Matcher, present: Collection[str]
                   ) -> tuple[tuple[str, float], ...]:
     """Alternatives to an effect, with their probabilities; none where all together are not probable enough.
@@ -283,7 +278,8 @@ def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: 
                     of_family[k] = None
     for among in ([k for k, p in weights.items() if p > SIGNIFICANT],
                   [k for k in of_family if weights[k] > SIGNIFICANT * sum(weights.values())]):
-        either = Support.of(sets, _match_any(match, *map(match_names, among)))
+        matches = match, *map(match_names, among)
+        either = Support.of(sets, lambda w, matches=matches: next((e for m in matches if (e := m(w))), None))
         if either.probability >= NAMED_PROBABILITY:
             return tuple((form[k], Support.of(sets, match_names(k)).probability)
                          for k in sorted(among, key=lambda k: -weights[k]))

@@ -156,7 +156,8 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     size = round(length_of(signals) / period) + 2 + 2  # both ends and two blocks are each rounded to whole samples
     wanted = max(SEARCH_SAMPLES // size, FEWEST_STRETCHES, len(signals))
     if total <= max(wanted * size, SEARCH_SAMPLES):
-        return tuple(signals) if len(signals) == 1 else (_whole(signals, _transition(period)),)
+        return tuple(signals) if len(signals) == 1 else (cut_together(
+            [(s, 0, s.n_samples) for s in signals], [s.span or (0.0, 1.0) for s in signals], _transition(period)),)
     parts: list[tuple[Signals, int, int]] = []
     spans, begun = [], 0
     for s, count in zip(signals, _counts([s.n_samples for s in signals], size, wanted), strict=True):
@@ -191,11 +192,6 @@ def _counts(samples: Sequence[int], size: int, wanted: int) -> list[int]:
             longer := [k for k, n in enumerate(samples) if (counts[k] + 1) * size <= n]):
         counts[max(longer, key=lambda k: samples[k] / counts[k])] += 1
     return counts
-
-
-def _whole(signals: Sequence[Signals], transition: int) -> Signals:
-    """All of the records, one after the other."""
-    return cut_together([(s, 0, s.n_samples) for s in signals], [s.span or (0.0, 1.0) for s in signals], transition)
 
 
 def _most_active(s: Signals, count: int, size: int) -> list[int]:

@@ -15,6 +15,7 @@ from helpers.toy_diagnosis import (
 )
 
 from lpvid.baselines.signals import Signals
+from lpvid.baselines.stretches import cut_together
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.noise import NoiseLevel, noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -144,7 +145,8 @@ class TestBlocks:
         blocks = Blocks.of([plain(n) for n in sizes])
         assert blocks.count >= FEWEST and 0.4 <= blocks.length <= 2.0
         np.testing.assert_array_equal(np.unique(np.concatenate(blocks.number)), np.arange(-1, blocks.count))
-        np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 2)
+        if len(sizes) == 1:
+            np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 2)
         inside = np.concatenate(blocks.number)
         assert np.ptp(np.bincount(inside[inside >= 0])) == 0
         for number in blocks.number:
@@ -152,6 +154,24 @@ class TestBlocks:
             assert np.all(np.diff(inside) >= 0) and inside.size > 0.75 * number.size - 200
             edges = np.flatnonzero(np.diff(number) > 0)
             assert np.all(number[edges] == -1), "neighbours have a gap between them"
+
+    @pytest.mark.parametrize(("sizes", "folds"), [((900, 2500, 400, 1500), (0, 1, 0, 0)), ((3000, 900), None)])
+    def test_several_records_are_of_one_fold_each_unless_one_is_most_of_the_data(self, sizes, folds) -> None:
+        whole = [plain(n) for n in sizes]
+        stretches = cut_together([(s, a, a + 350) for s in whole for a in (0, s.n_samples - 350)],
+                                 [(0.0, 1.0)] * 2 * len(sizes), 60)
+        blocks = Blocks.of(whole)
+        if folds is None:
+            assert blocks.halves == "alternating blocks" and set(blocks.fold[:5]) == {0, 1}
+            return
+        assert blocks.halves == "alternating records"
+        for number, fold in zip(blocks.number, folds, strict=True):
+            assert set(blocks.fold[np.unique(number[number >= 0])]) == {fold}
+        joined = Blocks.of([stretches])
+        assert joined.halves == "alternating records"
+        for k in range(len(sizes)):  # two stretches of every record
+            of_record = joined.number[0][700 * k: 700 * (k + 1)]
+            assert np.ptp(joined.fold[np.unique(of_record[of_record >= 0])]) == 0
 
     def test_sums(self) -> None:
         """Of ones, the samples of each block; of columns, column by column."""
