@@ -43,6 +43,8 @@ class Blocks:
         0 or 1: of whole records, or alternating in time.
     halves : str
         Which.
+    turn : (count,) int array
+        0 and 1 alternating in time, by a period of the motion at least.
     length : float
         Of a block [s].
     """
@@ -51,6 +53,7 @@ class Blocks:
     count: int
     fold: np.ndarray
     halves: str
+    turn: np.ndarray
     length: float
 
     @classmethod
@@ -102,21 +105,23 @@ class Blocks:
         if len(records) < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
                              why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
-        return cls(tuple(numbers), len(records), *_folds(records, in_a_row), length)
+        turn = np.arange(len(records)) // in_a_row % 2
+        return cls(tuple(numbers), len(records), *_folds(records, turn), turn, length)
 
 
-def _folds(records: Sequence[int], in_a_row: int) -> tuple[np.ndarray, str]:
+def _folds(records: Sequence[int], turn: np.ndarray) -> tuple[np.ndarray, str]:
     """Fold of each block: by whole records where either fold then has half as many blocks as the other, at least.
 
     A law that fits the motions of its records only has a larger error on a further record: blocks of the same records
-    do not show it. Without such records the folds alternate in time.
+    do not show it. Without such records the folds alternate in time. What memorises many samples is tested in time: of
+    several runs of one test each predicts the other.
 
     Parameters
     ----------
     records : sequence of int
         Of every block: its record.
-    in_a_row : int
-        Blocks of one fold in a row.
+    turn : (blocks,) int array
+        Of every block: 0 and 1 alternating in time.
 
     Returns
     -------
@@ -127,8 +132,9 @@ def _folds(records: Sequence[int], in_a_row: int) -> tuple[np.ndarray, str]:
 
     Examples
     --------
-    >>> _folds([7, 7, 5, 5, 5, 9], 1), _folds([7, 7, 7, 7, 7, 7, 5], 2)
-    ((array([0, 0, 1, 1, 1, 0]), 'alternating records'), (array([0, 0, 1, 1, 0, 0, 1]), 'alternating blocks'))
+    >>> turn = np.array([0, 1, 0, 1, 0, 1])
+    >>> _folds([7, 7, 5, 5, 5, 9], turn), _folds([7, 7, 7, 7, 7, 5], turn)
+    ((array([0, 0, 1, 1, 1, 0]), 'alternating records'), (array([0, 1, 0, 1, 0, 1]), 'alternating blocks'))
     """
     fold, held = {}, [0, 0]
     for record in dict.fromkeys(records):  # each to the smaller fold
@@ -136,4 +142,4 @@ def _folds(records: Sequence[int], in_a_row: int) -> tuple[np.ndarray, str]:
         held[fold[record]] += records.count(record)
     if 2 * min(held) >= max(held):
         return np.array([fold[r] for r in records]), "alternating records"
-    return np.arange(len(records)) // in_a_row % 2, "alternating blocks"
+    return turn, "alternating blocks"

@@ -49,7 +49,7 @@ def predictable_share(
     features = features[:, moving] / scale[moving]
     before, after = target**2, np.zeros((target.size, len(RIDGES)))
     for fold in (0, 1):
-        train, test = problem.in_fold(1 - fold), problem.in_fold(fold)
+        train, test = (problem.blocks.turn[problem.block] == k for k in (1 - fold, fold))
         gram, moment = features[train].T @ features[train], features[train].T @ target[train]
         for k, ridge in enumerate(RIDGES):
             weights = np.linalg.solve(gram + ridge * train.sum() * np.eye(len(gram)), moment)

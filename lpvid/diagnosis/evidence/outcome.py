@@ -170,7 +170,7 @@ class EvidenceOutcome:
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
-            described = "; ".join(f"{_either(m, self.search.problem.signals)}{self._of_family(m)}" for m in contested)
+            described = "; ".join(f"{_either(m, self.search.problem.signals)}" for m in contested)
             return "cannot-tell", f"these data do not distinguish between {described}; {structure}"
         if others:
             names = ", ".join(m.effect.name for m in others)
@@ -187,9 +187,6 @@ class EvidenceOutcome:
         little = ", ".join(m.effect.name for m in self.selected.members)
         stated = f"; {little} would change the output too little to be named" if little and self.needless else ""
         return "nothing-to-explain", f"no cause is needed; {structure}{noise}{stated}"
-
-    def _of_family(self, m: SetMember) -> str:
-        return f", some cause of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED_PROBABILITY else ""
 
     def _at_bounds(self) -> dict[str, str]:
         """Causes at their bounds, and why they are rejected, where sets with them would be more probable."""
@@ -307,11 +304,12 @@ class EvidenceOutcome:
 
 
 def _either(m: SetMember, signals: Sequence[Signals]) -> str:
-    """A member or its rivals, with their probabilities, except for those that a form describes too."""
+    """A member or its rivals, with their probabilities, except for those that a form describes too, and its family."""
     too = [n for n in m.effect.stands_for(m.values, signals) if n in dict(m.rivals)]
     others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
     form = f", a form that describes {', '.join(too)} too" if too else ""
-    return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form
+    family = f", some cause of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED_PROBABILITY else ""
+    return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form + family
 
 
 def _share_of(part: float, reduction: float) -> float:

@@ -249,6 +249,11 @@ def _lowers_error(problem: DiagnosisProblem, before: Refit, after: np.ndarray) -
     return bool(gains.sum() > np.sqrt(gains @ gains))
 
 
+def _most_probable_with(effect: Effect, sets: WeighedSets, w: EvaluatedSet) -> EvaluatedSet:
+    """The most probable set that holds an effect; `w` where no set of them does."""
+    return next((v for v, _ in sets if effect in v.effects), w)
+
+
 def _member(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, fit: Refit, after: np.ndarray, effect: Effect,
             ablation: Refit) -> SetMember:
     """An effect of a set `w` as a member; its rivals are those in the most probable set that holds it.
@@ -265,7 +270,7 @@ def _member(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, fit: Refit, a
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     present = {k for e, k in zip(w.effects, w.components, strict=True)
                if e is not effect and Support.of(sets, match_component(k)).probability >= NAMED_PROBABILITY}
-    rivals = rivals_beside(search, sets, next((v for v, _ in sets if effect in v.effects), w), effect, values, present)
+    rivals = rivals_beside(search, sets, _most_probable_with(effect, sets, w), effect, values, present)
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, family.probability, support.weight, rivals,

@@ -213,16 +213,12 @@ def _most_active(s: Signals, count: int, size: int) -> list[int]:
         inside = [sums[begins + last] - sums[begins + head] for begins in parts]
         firsts.append([int(begins[np.argmax(w)]) for begins, w in zip(parts, inside, strict=True)])
         most = np.array([w.max() for w in inside])
-        ratios.append(_multiples(most, float(np.median(most))))
+        unit = float(np.median(most))  # zero where most parts are at rest
+        ratios.append(most / unit if unit > 0 else np.where(most > 0, np.inf, 0.0))
     out, farthest = firsts[0], int(np.argmax(ratios[1]))
     if ratios[1][farthest] > ratios[0][farthest]:
         out[farthest] = firsts[1][farthest]
     return out
-
-
-def _multiples(values: np.ndarray, unit: float) -> np.ndarray:
-    """Values over a unit; of one that is zero, as where most parts are at rest, infinite ones."""
-    return values / unit if unit > 0 else np.where(values > 0, np.inf, 0.0)
 
 
 def _fits_band(s: Signals, factor: int) -> bool:
