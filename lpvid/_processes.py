@@ -188,7 +188,7 @@ class _Lanes(Generic[T, R]):
                 lane.start()
             while any(lane.is_alive() for lane in lanes):
                 left = math.inf if self.budget is None else max(begun + self.budget - time.monotonic(), 0.0)
-                next(lane for lane in lanes if lane.is_alive()).join(min(POLL, left))
+                next((lane for lane in lanes if lane.is_alive()), lanes[0]).join(min(POLL, left))
                 with self.lock:
                     running, done = sorted(self.running), sum(d is not None for d in self.found)
                 self.report_progress(done, running, _left(self.found, self.costs, running, self.workers))

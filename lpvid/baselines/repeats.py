@@ -75,9 +75,75 @@ def repeats(signals: Sequence[Signals], channels: Sequence[str]) -> list[Repeat]
     list of Repeat
         Empty where nothing repeats.
     """
-    found = [Repeat(j, k, 0) for (j, a), (k, b) in combinations(enumerate(signals), 2)
-             if _alike(a, b, channels, min(a.n_samples, b.n_samples))]
-    return found + [Repeat(k, k, lag) for k, s in enumerate(signals) if (lag := _period(s, channels))]
+    return _repeated_records(signals, channels) + [
+        Repeat(k, k, lag) for k, s in enumerate(signals) if (lag := _period(s, channels))]
+
+
+def record_origins(records: Sequence[Signals]) -> tuple[list[int], list[int]]:
+    """Which records are pieces of one (``run#1``, ``run#2``), and which are of one test.
+
+    Parameters
+    ----------
+    records : sequence of Signals
+        Whole, one rate.
+
+    Returns
+    -------
+    parents, tests : list of int
+        For each, the number of the first that is a piece of the same record; and of the first of the same inputs.
+
+    Examples
+    --------
+    >>> def run(seed, name):
+    ...     return Signals(0.01, {"velocity": np.random.default_rng(seed).standard_normal(400)}, np.ones(400), name)
+    >>> record_origins([run(0, "a"), run(0, "b"), run(1, "c#1"), run(2, "c#2")])
+    ([0, 1, 2, 2], [0, 0, 2, 2])
+    """
+    inputs = [c for c in records[0].channels if all(
+        s.has(c) and not np.array_equal(np.abs(s[c]), np.abs(s.output)) for s in records)]
+    pieces = [s.name.rpartition("#") for s in records]
+    keys = [head if head and number.isdigit() else k for k, (head, _, number) in enumerate(pieces)]
+    parents = [keys.index(key) for key in keys]
+    tests = list(parents)
+    for r in _repeated_records(records, inputs):
+        tests = [tests[r.first] if k == tests[r.second] else k for k in tests]
+    return parents, tests
+
+
+def record_halves(sizes: Sequence[int], tests: Sequence[int]) -> list[int]:
+    """Half of each record, 0 or 1, so that what was fitted to one is tested on other tests.
+
+    Runs of one test are in one half: one of them would predict the other however wrong a model is elsewhere. Each test
+    is in the half that has fewer samples so far.
+
+    Parameters
+    ----------
+    sizes : sequence of int
+        Samples of each record.
+    tests : sequence of int
+        As of `record_origins`.
+
+    Returns
+    -------
+    list of int
+        Empty where one half would have less than half as many samples as the other, as for a single test.
+
+    Examples
+    --------
+    >>> record_halves([400, 400, 300, 200], [0, 0, 2, 3]), record_halves([900, 100], [0, 1])
+    ([0, 0, 1, 1], [])
+    """
+    half, held = {}, [0, 0]
+    for test in dict.fromkeys(tests):
+        half[test] = int(held[1] < held[0])
+        held[half[test]] += sum(n for n, other in zip(sizes, tests, strict=True) if other == test)
+    return [half[test] for test in tests] if 2 * min(held) >= max(held) else []
+
+
+def _repeated_records(signals: Sequence[Signals], channels: Sequence[str]) -> list[Repeat]:
+    """Pairs of records with the same inputs."""
+    return [Repeat(j, k, 0) for (j, a), (k, b) in combinations(enumerate(signals), 2)
+            if _alike(a, b, channels, min(a.n_samples, b.n_samples))]
 
 
 def _alike(a: Signals, b: Signals, channels: Sequence[str], n: int) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.baselines.repeats import record_halves, record_origins
 from lpvid.baselines.signals import Signals
 from lpvid.effects.scaling import Scales
 from lpvid.errors import InputError
@@ -44,7 +45,8 @@ class Blocks:
     halves : str
         Which.
     turn : (count,) int array
-        0 and 1 alternating in time, by a period of the motion at least.
+        0 and 1 alternating in time, by a period of the motion at least, alike in runs of one test. What memorises many
+        samples is tested by these.
     length : float
         Of a block [s].
     """
@@ -62,7 +64,8 @@ class Blocks:
 
         An error lasts about as long as what causes it: a block holds a stroke at least, half a period of the motion.
         Where it is shorter than a period two blocks in a row are of one fold, so that every fold has strokes of either
-        direction. Of several records each is of one fold.
+        direction. Of several records each is of one fold (`record_halves`): a law that fits the motions of its records
+        only has a larger error on a further record, which blocks of the same records do not show.
 
         Parameters
         ----------
@@ -82,12 +85,14 @@ class Blocks:
             Records too short for it.
         """
         period = signals[0].sample_time
-        pieces = [(k, id(of), *ends, bool(s.stretches)) for k, s in enumerate(signals)
+        pieces = [(k, of, *ends, bool(s.stretches)) for k, s in enumerate(signals)
                   for ends, of in zip(s.pieces, [t.record for t in s.stretches] or [s], strict=True)]
         start_up = [START_UP / period if part else min(START_UP / period, 0.05 * (last - first))
                     for _, _, first, last, part in pieces]
         heads = [max(start, round(h)) for h in start_up]
-        pieces = [(k, of, first + head, last - round(LOOK_AHEAD / START_UP * h))
+        whole = list({id(of): of for _, of, *_ in pieces}.values())
+        place, (parents, tests) = {id(of): k for k, of in enumerate(whole)}, record_origins(whole)
+        pieces = [(k, place[id(of)], first + head, last - round(LOOK_AHEAD / START_UP * h))
                   for (k, of, first, last, _), head, h in zip(pieces, heads, start_up, strict=True)]
         total = sum(max(last - first, 0) for _, _, first, last in pieces) * period
         length = float(np.clip(total / WANTED, SHORTEST, LONGEST))
@@ -97,49 +102,18 @@ class Blocks:
             length = max(total / FEWEST - period, min(SHORTEST, cycle / 2))
             in_a_row = 1 if length >= min(SHORTEST, cycle) else 2
         size = max(round(length / period), FEWEST)
-        numbers, records = [np.full(s.n_samples, -1) for s in signals], []
-        for k, of, begin, last in pieces:
+        numbers, records, turn = [np.full(s.n_samples, -1) for s in signals], [], []
+        for k, record, begin, last in pieces:
             for first in range(begin, last - size + 1, size):
                 numbers[k][first + round(GAP * size): first + size] = len(records)
-                records.append(of)
+                before = sum(parents[other] == parents[record] for other in records)
+                turn.append((before // in_a_row + tests[record]) % 2)
+                records.append(record)
         if len(records) < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
                              why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
-        turn = np.arange(len(records)) // in_a_row % 2
-        return cls(tuple(numbers), len(records), *_folds(records, turn), turn, length)
-
-
-def _folds(records: Sequence[int], turn: np.ndarray) -> tuple[np.ndarray, str]:
-    """Fold of each block: by whole records where either fold then has half as many blocks as the other, at least.
-
-    A law that fits the motions of its records only has a larger error on a further record: blocks of the same records
-    do not show it. Without such records the folds alternate in time. What memorises many samples is tested in time: of
-    several runs of one test each predicts the other.
-
-    Parameters
-    ----------
-    records : sequence of int
-        Of every block: its record.
-    turn : (blocks,) int array
-        Of every block: 0 and 1 alternating in time.
-
-    Returns
-    -------
-    fold : (blocks,) int array
-        0 or 1.
-    halves : str
-        Of what they consist.
-
-    Examples
-    --------
-    >>> turn = np.array([0, 1, 0, 1, 0, 1])
-    >>> _folds([7, 7, 5, 5, 5, 9], turn), _folds([7, 7, 7, 7, 7, 5], turn)
-    ((array([0, 0, 1, 1, 1, 0]), 'alternating records'), (array([0, 1, 0, 1, 0, 1]), 'alternating blocks'))
-    """
-    fold, held = {}, [0, 0]
-    for record in dict.fromkeys(records):  # each to the smaller fold
-        fold[record] = int(held[1] < held[0])
-        held[fold[record]] += records.count(record)
-    if 2 * min(held) >= max(held):
-        return np.array([fold[r] for r in records]), "alternating records"
-    return turn, "alternating blocks"
+        halves = record_halves([s.n_samples for s in whole], tests)
+        fold = [halves[record] if halves else 0 for record in records]
+        by_record = 0 < sum(fold) < len(fold)
+        return cls(tuple(numbers), len(records), np.array(fold if by_record else turn),
+                   f"alternating {'records' if by_record else 'blocks'}", np.array(turn), length)

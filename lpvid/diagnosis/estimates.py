@@ -7,25 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.baselines.baseline import Baseline
-from lpvid.baselines.signals import Core
 from lpvid.diagnosis.diagnosis import Errors, Estimated
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
+from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect, EffectParameter
 from lpvid.record import Record
 from lpvid.rounding import TINY
 
 
-def errors_of(
-    problem: DiagnosisProblem, baseline: Baseline, fit: Refit, left_out: np.ndarray, held_out: Sequence[Record]
-) -> Errors:
+def errors_of(problem: DiagnosisProblem, fit: Refit, left_out: np.ndarray, held_out: Sequence[Record]) -> Errors:
     """Free-run errors of a fit: on training samples, and on further records or, without them, out of fold.
 
     Parameters
     ----------
     problem : DiagnosisProblem
-    baseline : Baseline
-        Reads the signals of the further records.
     fit : Refit
         On the samples of `problem`.
     left_out : (N,) array
@@ -45,18 +41,19 @@ def errors_of(
     if not held_out:
         squares = float(left_out @ left_out)
         return Errors(training, squares / power, float(np.sqrt(squares / problem.n_samples)))
-    error, total, count = free_run_squares(baseline, fit.composition.core(fit.vector), held_out)
+    error, total, count = free_run_squares(fit.composition, fit.vector, held_out)
     return Errors(training, error / total if total > 0 else np.inf, float(np.sqrt(error / max(count, 1))))
 
 
-def free_run_squares(baseline: Baseline, core: Core, records: Sequence[Record]) -> tuple[float, float, int]:
+def free_run_squares(composition: Composition, vector: np.ndarray, records: Sequence[Record]
+                     ) -> tuple[float, float, int]:
     """Sums of a free run's squared error and of the output's squared deviation from its mean, over records.
 
     Parameters
     ----------
-    baseline : Baseline
-        Reads the signals of the records.
-    core : Core
+    composition : Composition
+        Its baseline reads the signals of the records.
+    vector : (P,) array
     records : sequence of Record
         Prepared.
 
@@ -67,11 +64,11 @@ def free_run_squares(baseline: Baseline, core: Core, records: Sequence[Record]) 
     count : int
         Samples, without those that the run takes from the measurement.
     """
-    error, power, count = 0.0, 0.0, 0
+    baseline, error, power, count = composition.baseline, 0.0, 0.0, 0
     for record in records:
         s = baseline.signals(record)
         with np.errstate(all="ignore"):  # a run that diverges
-            e = (s.output - core(s))[baseline.start:]
+            e = (s.output - composition.free_run(s, vector))[baseline.start:]
             y = s.output[baseline.start:]
             error, power, count = error + float(e @ e), power + float(np.sum((y - y.mean()) ** 2)), count + y.size
     return error, power, count
@@ -91,7 +88,7 @@ def esr_as_given(baseline: Baseline, records: Sequence[Record]) -> float | None:
     float or None
         None without records, where the run diverges, and where the output is constant.
     """
-    error, power, _ = free_run_squares(baseline, baseline.core(baseline.vector), records)
+    error, power, _ = free_run_squares(Composition(baseline), baseline.vector, records)
     return error / power if np.isfinite(error) and power > 0 else None
 
 

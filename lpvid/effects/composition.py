@@ -13,6 +13,7 @@ import numpy as np
 
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
+from lpvid.baselines.lead_in import led_in
 from lpvid.baselines.signals import AlongTangent, Around, Core, Linearised, Remembered, Signals
 from lpvid.effects.effect import STAGES, Effect
 from lpvid.record import Record
@@ -256,6 +257,23 @@ class Composition:
             In the output's unit, not finite where the simulation diverges.
         """
         return self.core(vector)(signals)
+
+    def free_run(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
+        """(n,) simulated output along a whole record, which may begin in mid-motion (`lpvid.baselines.lead_in`).
+
+        Parameters
+        ----------
+        signals : Signals
+        vector : (P,) array
+
+        Returns
+        -------
+        (n,) array
+            That of `predict` for a law alone, and for one that begins with measured outputs.
+        """
+        with_effects = self.effects or isinstance(self.baseline, CompositionBaseline)
+        led, count = led_in(signals) if with_effects and not self.baseline.start else (signals, 0)
+        return self.predict(led, vector)[count:]
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of a law that diverges they are not finite
     def sensitivities(self, signals: Signals, vector: np.ndarray, free: Sequence[int] | None = None,

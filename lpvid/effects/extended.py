@@ -159,14 +159,14 @@ class ExtendedModel(Adaptable):
         ----------
         record : Record
             Uniform, with the channels of `reads` and of the output, whose first samples begin the run of a law with
-            memory.
+            output lags. It may begin in mid-motion (`Composition.free_run`).
 
         Returns
         -------
         (n,) array
         """
         baseline = self.composition.baseline
-        return baseline.polarity * self.composition.predict(baseline.signals(record), self.vector)
+        return baseline.polarity * self.composition.free_run(baseline.signals(record), self.vector)
 
     def to_model(self, sample_time: float) -> ExtendedRun:
         """As a model of lpvid at this period; its predictions are its free run.

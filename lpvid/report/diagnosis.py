@@ -110,7 +110,7 @@ def before_after(found: Diagnosis, task: DiagnosisTask) -> list[draw.BeforeAfter
             s = baseline.signals(record)
             before = baseline.core(baseline.vector)(s)
             after = before if found.extended is None else \
-                found.extended.composition.predict(s, found.extended.vector)
+                found.extended.composition.free_run(s, found.extended.vector)
             s.cache.clear()  # what is cached refers to its signals, and would stay
             sign = baseline.polarity
             listed.append(draw.BeforeAfter(record.name, part, s.sample_time, dict(s.channels), sign * s.output,

@@ -254,8 +254,8 @@ def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace, spread: np.ndarray)
     idle = replace(plant.at(np.repeat(plant.box.centre[None], len(points), axis=0)), A=a, B1=b, C1=c, D11=d)
     units = Units.of(idle)
     whole = units.apply(idle)
-    for gamma, p in _least(whole, _normal(spread, units)):
-        for factor in SHARPER:
+    for factor in SHARPER:
+        for gamma, p in _least(whole, _normal(spread, units)):
             found = _proof(p / np.outer(units.states, units.states), loop, factor * gamma)
             if found is not None:
                 return found

@@ -12,6 +12,7 @@ from lpvid.baselines.signals import Core, Signals
 from lpvid.condition.band_limited import jumps
 from lpvid.condition.constancy import DISTINCT, constant
 from lpvid.effects.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
+from lpvid.rounding import TINY
 from quartercar.effects.current_edges import SPACING, edges_of, is_sharp
 
 SEEN_AFTER = 0.03
@@ -21,7 +22,8 @@ SENSOR_NOISE = 0.05
 """rms of uncorrelated noise, as a share of the largest current, that a sensor may have: 0.5 % of a range of 5 A, at
 0.5 A; a low-pass takes it off the simulated force, so that it would be evidence for every lag of the current"""
 ALIKE = 0.15
-"""correlation of neighbouring increments from which on edges take more than one sample, as after a filter"""
+"""correlation of neighbouring increments from which on edges take more than one sample, as after a filter; its
+negative, from which on levels do"""
 LAG_SHARE = EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
                             (0.0, 0.5), (0.0,))
 """the second parameter of a `LateEffect`, after its delay T"""
@@ -48,10 +50,21 @@ def is_held(current: np.ndarray) -> bool:
     >>> is_held(steps), is_held(np.convolve(steps, [0.6, 0.3, 0.1])[:30]), is_held(np.sin(np.linspace(0, 9, 200)))
     (True, False, False)
     """
-    increments = np.diff(current)
-    if not (jumps(current) or _levels_of(current) == 2):
+    return (jumps(current) or _has_two_levels(current)) and _correlation(np.diff(current)) < ALIKE
+
+
+def _correlation(increments: np.ndarray) -> float:
+    """Correlation of neighbouring increments; 0 without any."""
+    return float(increments[1:] @ increments[:-1]) / max(float(increments @ increments), TINY)
+
+
+def _has_two_levels(current: np.ndarray) -> bool:
+    """Whether a current is at one of two levels throughout, within `SENSOR_NOISE` of their distance."""
+    if not current.size or np.ptp(current) == 0:
         return False
-    return float(increments[1:] @ increments[:-1]) < ALIKE * float(increments @ increments)
+    low, high = (current[part] for part in (current <= current.mean(), current > current.mean()))
+    return float(np.sqrt((low.size * low.var() + high.size * high.var()) / current.size)) < \
+        SENSOR_NOISE * float(high.mean() - low.mean())
 
 
 def is_constant(current: np.ndarray, largest: float) -> bool:
@@ -94,7 +107,13 @@ def held(s: Signals) -> bool:
     bool
         False without a current.
     """
-    return s.has("current") and s.fact("current", "is held", lambda current: is_held(current) and is_sharp(s))
+    def find(current: np.ndarray) -> bool:
+        whole = [p["current"] for p in s.as_recorded("current")] if s.stretches else [current]
+        largest = max(float(np.abs(c).max()) for c in whole)
+        moving = [c for c in whole if not is_constant(c, largest)]
+        return bool(moving) and all(map(is_held, moving)) and is_sharp(s)
+
+    return s.has("current") and s.fact("current", "is held", find)
 
 
 def with_same_jumps(s: Signals, to: Signals) -> Signals:
@@ -122,8 +141,8 @@ def clocked(s: Signals) -> bool:
     """Whether a held current jumps at samples: all times between its jumps are multiples of some samples.
 
     Decided over all records together, as `is_sharp`. A current with a clock of its own jumps between two samples,
-    half-way on average. Jumps of neighbouring samples have the clock of the samples where levels of one sample are
-    between them, so that they oppose each other; the two parts of one jump over two samples have one sign.
+    half-way on average. A current with many levels of one sample is taken to have the clock of the samples: its
+    neighbouring jumps oppose each other, whereas the two parts of one jump over two samples have one sign.
 
     Parameters
     ----------
@@ -137,7 +156,7 @@ def clocked(s: Signals) -> bool:
     Examples
     --------
     >>> def steps(*lengths):
-    ...     return Signals(0.01, {"current": np.repeat(np.arange(len(lengths)) % 3, lengths)}, np.zeros(sum(lengths)))
+    ...     return Signals(0.01, {"current": np.repeat(np.arange(len(lengths)) % 2, lengths)}, np.zeros(sum(lengths)))
     >>> [clocked(steps(*n)) for n in ((20, 30, 10, 20, 10), (25, 26, 25, 26, 26), (25, 1, 1, 3, 1, 2, 1, 1, 5))]
     [True, False, True]
     """
@@ -148,7 +167,7 @@ def clocked(s: Signals) -> bool:
     def find(_: np.ndarray) -> bool:
         found = [jumps_of(p["current"]) for p in s.as_recorded("current") if p.has("current")]
         times = np.concatenate([np.diff(np.flatnonzero(d)) for d in found])
-        return times.size < 2 or int(np.gcd.reduce(times)) > 1 or sum(float(d[1:] @ d[:-1]) for d in found) < 0
+        return times.size < 2 or int(np.gcd.reduce(times)) > 1 or _correlation(np.concatenate(found)) < -ALIKE
 
     return held(s) and s.fact("current", "is clocked", find)
 
@@ -173,12 +192,7 @@ def levels(signals: Sequence[Signals]) -> int:
     >>> levels([current(np.repeat([0.0, 2.0, 0.0], 9)), current(np.full(9, 2.0))]), levels([current(np.arange(9.0))])
     (2, 0)
     """
-    return _levels_of(np.concatenate([s["current"] for s in signals]))
-
-
-def _levels_of(current: np.ndarray) -> int:
-    """`levels` of the values of a current, (n,), in any order."""
-    i = np.sort(current)
+    i = np.sort(np.concatenate([s["current"] for s in signals]))
     span = float(i[-1] - i[0])
     if constant(float(i[0]), float(i[-1]), "A"):
         return 1

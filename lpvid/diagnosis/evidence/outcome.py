@@ -88,10 +88,10 @@ class EvidenceOutcome:
     def errors(self) -> tuple[Errors, Errors]:
         """Of the baseline alone and of the set."""
         selected = self.selected
-        before = errors_of(selected.problem, self.baseline, selected.root, selected.before, self.held_out)
+        before = errors_of(selected.problem, selected.root, selected.before, self.held_out)
         if not selected.members or not self.significant:
             return before, before
-        return before, errors_of(selected.problem, self.baseline, selected.fit, selected.after, self.held_out)
+        return before, errors_of(selected.problem, selected.fit, selected.after, self.held_out)
 
     @property
     def predicts(self) -> bool:
@@ -170,7 +170,7 @@ class EvidenceOutcome:
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
-            described = "; ".join(f"{_either(m, self.search.problem.signals)}" for m in contested)
+            described = "; ".join(_either(m, self.search.problem.signals) for m in contested)
             return "cannot-tell", f"these data do not distinguish between {described}; {structure}"
         if others:
             names = ", ".join(m.effect.name for m in others)

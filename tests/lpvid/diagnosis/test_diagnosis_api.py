@@ -44,7 +44,7 @@ def test_a_further_record_of_constant_output_has_no_share_but_an_error(installed
     other = measured(1)
     still = other.with_channel("force", np.full(other.n_samples, 5.0), "N")
     problem = problem_of([measured()], Viscous())
-    before, after = (errors_of(problem, b, refit(problem, Composition(b), b.vector, iterations=0),
+    before, after = (errors_of(problem, refit(problem, Composition(b), b.vector, iterations=0),
                                np.zeros(problem.n_samples), [still]) for b in (Viscous(SLOPE), Viscous(0.5 * SLOPE)))
     assert before.esr_held_out == after.esr_held_out == np.inf
     assert EvidenceOutcome.predicts.fget(SimpleNamespace(errors=(before, after)))  # type: ignore[attr-defined]

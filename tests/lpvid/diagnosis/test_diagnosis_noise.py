@@ -19,9 +19,14 @@ from lpvid.baselines.stretches import cut_together
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.noise import NoiseLevel, noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.remainder import predictable_share
 from lpvid.effects.composition import Composition
 from lpvid.errors import InputError
 from lpvid.rounding import EXPLODED
+
+
+def moved(n: int, seed: int, name: str = "record") -> Signals:
+    return Signals(PERIOD, {"u": np.random.default_rng(seed).standard_normal(n)}, np.zeros(n), name)
 
 
 def plain(n: int, name: str = "record") -> Signals:
@@ -145,8 +150,9 @@ class TestBlocks:
         blocks = Blocks.of([plain(n) for n in sizes])
         assert blocks.count >= FEWEST and 0.4 <= blocks.length <= 2.0
         np.testing.assert_array_equal(np.unique(np.concatenate(blocks.number)), np.arange(-1, blocks.count))
-        if len(sizes) == 1:
-            np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 2)
+        np.testing.assert_array_equal(blocks.fold, blocks.turn)  # all records are of one test
+        for number in blocks.number:
+            np.testing.assert_array_equal(blocks.turn[np.unique(number)[1:]], np.arange(np.unique(number).size - 1) % 2)
         inside = np.concatenate(blocks.number)
         assert np.ptp(np.bincount(inside[inside >= 0])) == 0
         for number in blocks.number:
@@ -157,7 +163,7 @@ class TestBlocks:
 
     @pytest.mark.parametrize(("sizes", "folds"), [((900, 2500, 400, 1500), (0, 1, 0, 0)), ((3000, 900), None)])
     def test_several_records_are_of_one_fold_each_unless_one_is_most_of_the_data(self, sizes, folds) -> None:
-        whole = [plain(n) for n in sizes]
+        whole = [moved(n, n) for n in sizes]
         stretches = cut_together([(s, a, a + 350) for s in whole for a in (0, s.n_samples - 350)],
                                  [(0.0, 1.0)] * 2 * len(sizes), 60)
         blocks = Blocks.of(whole)
@@ -172,6 +178,21 @@ class TestBlocks:
         for k in range(len(sizes)):  # two stretches of every record
             of_record = joined.number[0][700 * k: 700 * (k + 1)]
             assert np.ptp(joined.fold[np.unique(of_record[of_record >= 0])]) == 0
+
+    def test_pieces_of_a_record_and_runs_of_a_test_are_no_folds(self) -> None:
+        """One would predict the other, however wrong a model is elsewhere."""
+        pieces = Blocks.of([moved(2000, 0, "run#1"), moved(2000, 1, "run#2")])
+        runs = Blocks.of([moved(2000, 0), moved(2000, 0)])
+        assert pieces.halves == runs.halves == "alternating blocks"
+        np.testing.assert_array_equal(pieces.turn, np.arange(pieces.count) % 2)
+        np.testing.assert_array_equal(*np.split(runs.turn, 2))
+
+    def test_what_memorises_is_tested_in_time(self, rng: np.random.Generator) -> None:
+        """An error that is no function of the input, the same in two runs of fifteen blocks: one shows the other."""
+        u, load = drive(2990, rng), drive(2990, rng)
+        runs = [Bent().signals(record(rng, u=u)) for _ in range(2)]
+        problem = DiagnosisProblem(tuple(runs), Blocks.of(runs))
+        assert problem.blocks.count == 30 and predictable_share(problem, [load, load], ["u"])[0] < 0.3
 
     def test_sums(self) -> None:
         """Of ones, the samples of each block; of columns, column by column."""

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 from lpvid.baselines.signals import Signals, in_turn
+from lpvid.diagnosis.evidence.thinning import stretched
 from quartercar.effects.current_edges import SPACING, edges_unfiltered, find_edges, is_sharp
 from quartercar.effects.electrical import (
     SEEN_AFTER,
@@ -18,6 +19,7 @@ from quartercar.effects.electrical import (
     CurrentSaturation,
     Remanence,
     RiseFallLag,
+    clocked,
     held,
     is_constant,
     is_held,
@@ -34,6 +36,29 @@ def of(current: np.ndarray) -> Signals:
 
 def steps(*heights: float, hold: int = 100) -> Signals:
     return of(np.repeat(np.array(heights), hold))
+
+
+class TestClock:
+    @pytest.mark.parametrize("noise", [0.0, 0.005, 0.012])
+    @pytest.mark.parametrize("share", [0.5, 0.55])
+    def test_two_levels_that_jump_at_every_second_sample_have_the_clock_of_the_samples(self, share, noise):
+        rng, n = np.random.default_rng(3), 20000
+        current = 2.0 * (np.cumsum(rng.random(n) < share) % 2) + 2.0 * noise * rng.standard_normal(n)
+        whole = in_turn([Signals(PERIOD, {"current": current, "velocity": np.sin(np.arange(n))}, np.zeros(n))])
+        for s in (*whole, *stretched(whole)):
+            assert held(s) and clocked(s)
+
+    @pytest.mark.parametrize("noise", [0.0, 0.008, 0.012])
+    def test_neither_noise_nor_a_spike_gives_a_current_the_clock_of_the_samples(self, noise):
+        """Levels that last 25.4 samples jump between samples: 25 or 26 apart."""
+        rng = np.random.default_rng(4)
+        current = rng.uniform(0, 2, 300)[(np.arange(6000) / 25.37).astype(int)]
+        current[1234] += 2.0
+        s = of(current + 2.0 * noise * rng.standard_normal(6000))
+        assert held(s) and not clocked(s)
+
+    def test_no_current_is_not_held(self):
+        assert not is_held(np.zeros(0))
 
 
 class TestLag:

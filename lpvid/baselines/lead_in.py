@@ -1,0 +1,63 @@
+"""Lead-in: the motion assumed before the first sample of a record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lpvid.baselines.signals import Signals
+from lpvid.rounding import HALF_DIGITS
+
+
+def led_in(s: Signals) -> tuple[Signals, int]:
+    """A record after one period of the motion that its first sample suggests, and how many samples precede it.
+
+    A record that begins in mid-motion does not state how far a spring is deflected there, nor which way friction acts.
+    Both follow from the motion before, which is taken as harmonic through the first displacement x_0 and velocity v_0,
+    at the record's mean frequency ω = rms(v)/rms(x − x̄):
+
+        x(−t) = x̄ + (x_0 − x̄) cos ωt − v_0/ω sin ωt,  v(−t) = v_0 cos ωt + (x_0 − x̄) ω sin ωt.
+
+    It is exact for a record of one sine, and at rest for one that begins at rest at its mean displacement. No measured
+    output is used. Other channels have their first value.
+
+    Parameters
+    ----------
+    s : Signals
+        Of a whole record; without displacement it is the integral of the velocity.
+
+    Returns
+    -------
+    signals : Signals
+        As given where there is no velocity, or nothing moves.
+    count : int
+        Samples before the record; 0 then.
+
+    Examples
+    --------
+    >>> phase = 2 * np.pi * np.arange(300) / 100 + 1  # a sine of 1 Hz at 100 Hz, from mid-stroke
+    >>> s = Signals(0.01, {"displacement": np.sin(phase), "velocity": 2 * np.pi * np.cos(phase)}, np.zeros(300))
+    >>> led, count = led_in(s)
+    >>> count, bool(np.allclose(led["velocity"][:100], s["velocity"][:100]))
+    (100, True)
+    """
+    if not s.has("velocity"):
+        return s, 0
+    v = s["velocity"]
+    x = s["displacement"] if s.has("displacement") else s.sample_time * np.cumsum(v - v.mean())
+    swing, speed = float(x.std()), float(np.sqrt(np.mean(v**2)))
+    if not swing > HALF_DIGITS * float(np.abs(x).max(initial=0.0)) or not speed > 0:
+        return s, 0
+    omega, offset = speed / swing, float(x[0] - x.mean())
+    count = min(round(2 * np.pi / omega / s.sample_time), s.n_samples)
+    phase = omega * s.sample_time * np.arange(-count, 0)
+    moved = offset * np.cos(phase) + v[0] / omega * np.sin(phase)
+    before = {"displacement": x[0] - offset + moved, "acceleration": -omega**2 * moved,
+              "velocity": v[0] * np.cos(phase) - offset * omega * np.sin(phase)}
+
+    def led(values: np.ndarray, role: str = "") -> np.ndarray:
+        return np.concatenate([before.get(role, np.full(count, values[0])), values])
+
+    return replace(s, channels={r: led(c, r) for r, c in s.channels.items()}, output=led(s.output), cache={}, facts={},
+                   record=None, at=None, coarse=None, peers=(), repeats=None), count
