@@ -457,3 +457,26 @@ def test_a_force_beyond_all_bounds_reads_no_foreign_memory(size):
         d, _ = kernels._play_and_air.py_func(size, element)
         assert d == kernels._play_and_air(size, element)[0]
     assert d == pytest.approx(1e-3, rel=0.05)
+
+
+# -- records that begin in motion --------------------------------------------------------------------------------------
+@pytest.mark.parametrize("shift", [0.0, 0.13, 0.3, 0.45, 0.7])
+@pytest.mark.parametrize(("element", "values"), [(SeriesCompliance(), [3e-5]), (EntrainedAir(), [4e-3, 100.0])], ids=str)
+def test_a_record_of_a_sine_begins_in_the_motion_before_it(element: SeriesElement, values: list[float],
+                                                           shift: float) -> None:
+    """From whatever phase: the spring's deflection there follows from the period before, which the record repeats."""
+    composition = Composition(baseline("power-law-friction-gas"), (element,))
+    vector = np.concatenate([composition.baseline.vector, values])
+    long, period = sine(0.01, 2.0), round(RATE / 2)
+    first = period + round(shift * period)
+    part = Signals(1 / RATE, {r: c[first:first + 3 * period] for r, c in long.channels.items()}, np.zeros(3 * period))
+    settled = composition.predict(long, vector)[first:first + 3 * period]
+    found, as_given = composition.free_run(part, vector), composition.predict(part, vector)
+    error, before = (float(np.abs(y - settled).max()) for y in (found, as_given))
+    assert error < 0.1 * before and error < 3e-3 * np.abs(settled).max()
+
+
+def test_a_law_alone_begins_as_its_own_simulation_does() -> None:
+    law_alone, s = Composition(baseline("bouc-wen")), sine(0.01, 2.0)
+    np.testing.assert_array_equal(law_alone.free_run(s, law_alone.baseline.vector),
+                                  law_alone.predict(s, law_alone.baseline.vector))
