@@ -19,8 +19,8 @@ def led_in(s: Signals) -> tuple[Signals, int]:
 
         x(−t) = x̄ + (x_0 − x̄) cos ωt − v_0/ω sin ωt,  v(−t) = v_0 cos ωt + (x_0 − x̄) ω sin ωt.
 
-    It is exact for a record of one sine, and at rest for one that begins at rest at its mean displacement. No measured
-    output is used. Other channels have their first value.
+    It is exact for a record of one sine. A record whose first quarter of a period is nearer to rest than to that motion
+    begins at rest, and nothing precedes it. No measured output is used. Other channels have their first value.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def led_in(s: Signals) -> tuple[Signals, int]:
     Returns
     -------
     signals : Signals
-        As given where there is no velocity, or nothing moves.
+        As given where there is no velocity, nothing moves, or the record begins at rest.
     count : int
         Samples before the record; 0 then.
 
@@ -51,10 +51,14 @@ def led_in(s: Signals) -> tuple[Signals, int]:
         return s, 0
     omega, offset = speed / swing, float(x[0] - x.mean())
     count = min(round(2 * np.pi / omega / s.sample_time), s.n_samples)
-    phase = omega * s.sample_time * np.arange(-count, 0)
+    phase = omega * s.sample_time * np.arange(-count, max(count // 4, 1))
     moved = offset * np.cos(phase) + v[0] / omega * np.sin(phase)
-    before = {"displacement": x[0] - offset + moved, "acceleration": -omega**2 * moved,
-              "velocity": v[0] * np.cos(phase) - offset * omega * np.sin(phase)}
+    speeds = v[0] * np.cos(phase) - offset * omega * np.sin(phase)
+    after = v[:phase.size - count]
+    if np.sum((after - speeds[count:]) ** 2) > np.sum(after**2):
+        return s, 0
+    before = {"displacement": x[0] - offset + moved[:count], "acceleration": -omega**2 * moved[:count],
+              "velocity": speeds[:count]}
 
     def led(values: np.ndarray, role: str = "") -> np.ndarray:
         return np.concatenate([before.get(role, np.full(count, values[0])), values])
