@@ -126,7 +126,7 @@ def test_a_short_record_with_a_coloured_residual_has_no_white_standard_errors() 
     assert 0.5 < found[:, 1].mean() / found[:, 0].std() < 1.5
 
 
-@pytest.mark.seconds
+@pytest.mark.slow
 @pytest.mark.parametrize(("structure", "noise"), [
     pytest.param(lpv.BoxJenkins(nc=0, nd=1, starts=1, **SECOND_ORDER), ([1.0], [1, -1.6, 0.8]), id="box-jenkins"),
     pytest.param(lpv.ARMAX(nc=1, starts=1, **SECOND_ORDER), ([1.0], [1.0]), id="armax"),

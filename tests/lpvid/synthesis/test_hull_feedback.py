@@ -226,7 +226,7 @@ def test_a_bound_that_is_too_low():
     assert found.verdict == "infeasible" and "smaller hull" in found.mend and "lyapunov=" in found.mend
 
 
-@pytest.mark.seconds
+@pytest.mark.slow
 def test_lifted_angle_without_rate_bound_is_infeasible():
     """Wu et al. 1996: a constant Lyapunov function is infeasible, also on the circle of cos ρ and sin ρ."""
     turned = wu(None)

@@ -196,7 +196,7 @@ def test_of_two_sides_both_must_be_infeasible():
     assert lowest((refused, refused), refused).verdict == "infeasible"
 
 
-@pytest.mark.seconds
+@pytest.mark.slow
 def test_faster_motion_costs_more_and_jumps_cost_what_constants_do():
     gains = [lpv.synthesize(measured(rate), lpv.StateFeedback(hull=HULL, lyapunov=MOVING)).gamma_verified
              for rate in (0.05, 1.0, 30.0)]

@@ -184,8 +184,8 @@ def test_a_measured_velocity_stays(rng: np.random.Generator) -> None:
     assert prepared.notes == ()
 
 
-@pytest.mark.seconds
-@pytest.mark.parametrize("noise", [0.0, NOISE])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.slow),
+                                   pytest.param(NOISE, marks=pytest.mark.seconds)])
 def test_a_late_displacement_brings_no_causes_that_are_not_there(noise: float, rng: np.random.Generator) -> None:
     """Three tones behind a low-pass of 4 ms, which the noise makes hard to tell from a delay; nothing else is wrong."""
     samples, period, lag = 6000, 0.002, 4e-3

@@ -236,7 +236,7 @@ def test_the_quadratic_program_of_a_frozen_case_is_solved(rng):
     assert early < 1.01 * cost
 
 
-@pytest.mark.seconds
+@pytest.mark.slow
 def test_and_a_solver_of_quadratic_programs_finds_the_same(rng):
     osqp = pytest.importorskip("osqp")
     from scipy.sparse import csc_matrix

@@ -149,8 +149,8 @@ def test_static_force_is_where_a_long_slow_ramp_ends() -> None:
         assert end == pytest.approx(damper.static_force(np.array([v]), 0.4)[0] + 200.0, rel=1e-6)
 
 
-@pytest.mark.seconds
-@pytest.mark.parametrize("lag", ["shared", "full"])
+@pytest.mark.parametrize("lag", [pytest.param("shared", marks=pytest.mark.slow),
+                                 pytest.param("full", marks=pytest.mark.seconds)])
 def test_derivatives_against_the_complex_step(lag: str) -> None:
     """Im F(θ + i h e_j)/h of the plain run, current moving within and beyond the nodes, start at a measured force."""
     damper, moved = ExtendedBoucWen(nodes=(0.1, 0.3, 0.5), lag=lag), sine(0.8)
