@@ -11,7 +11,7 @@ from lpvid.rounding import HALF_DIGITS
 
 
 def led_in(s: Signals) -> tuple[Signals, int]:
-    """A record after one period of the motion that its first sample suggests, and how many samples precede it.
+    """A record after one period of the motion, or rest, that it begins with, and how many samples precede it.
 
     A record that begins in mid-motion does not state how far a spring is deflected there, nor which way friction acts.
     Both follow from the motion before, which is taken as harmonic through the first displacement x_0 and velocity v_0,
@@ -19,8 +19,9 @@ def led_in(s: Signals) -> tuple[Signals, int]:
 
         x(−t) = x̄ + (x_0 − x̄) cos ωt − v_0/ω sin ωt,  v(−t) = v_0 cos ωt + (x_0 − x̄) ω sin ωt.
 
-    It is exact for a record of one sine. A record whose first quarter of a period is nearer to rest than to that motion
-    begins at rest, and nothing precedes it. No measured output is used. Other channels have their first value.
+    It is exact for a record of one sine. Where the first quarter of a period is nearer to rest than to that motion, it
+    is preceded by rest. Other channels have their first value. No measured output is used. Transients of filters end
+    before the record begins, too.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ def led_in(s: Signals) -> tuple[Signals, int]:
     Returns
     -------
     signals : Signals
-        As given where there is no velocity, nothing moves, or the record begins at rest.
+        As given where there is no velocity, or nothing moves.
     count : int
         Samples before the record; 0 then.
 
@@ -56,9 +57,9 @@ def led_in(s: Signals) -> tuple[Signals, int]:
     speeds = v[0] * np.cos(phase) - offset * omega * np.sin(phase)
     after = v[:phase.size - count]
     if np.sum((after - speeds[count:]) ** 2) > np.sum(after**2):
-        return s, 0
-    before = {"displacement": x[0] - offset + moved[:count], "acceleration": -omega**2 * moved[:count],
-              "velocity": speeds[:count]}
+        moved, speeds = np.full(phase.size, offset), np.zeros(phase.size)
+    before = {"displacement": x[0] - offset + moved[:count], "velocity": speeds[:count],
+              "acceleration": np.gradient(speeds, s.sample_time)[:count]}
 
     def led(values: np.ndarray, role: str = "") -> np.ndarray:
         return np.concatenate([before.get(role, np.full(count, values[0])), values])
