@@ -239,6 +239,9 @@ class SetProbabilities:
 class Errors:
     """Free-run error of one model: ESR and rmse on training and held-out samples.
 
+    Those of further records count every sample. Training samples, and those of two folds, are in the blocks: without
+    the start-up and the end of each record and the first tenth of each block.
+
     Attributes
     ----------
     esr_training, esr_held_out : float
@@ -377,8 +380,8 @@ class Diagnosis(Shown):
                  f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training"
                  + (f", {self.before.esr_held_out:.4g} held-out" if self.before.part == "held-out" else "")
                  + f" ({self.held_out}), {self.before.part} rmse {self.before.rmse:.4g} {self.unit}"]
-        lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %, "
-                  f"probability {c.probability:.2f}" for c in self.causes[:3]]
+        lines += [f"  cause {c.name}{f' as {c.form}' if c.form else ''}: {', '.join(map(str, c.parameters))}; "
+                  f"held-out gain {c.held_out_gain:.1f} %, probability {c.probability:.2f}" for c in self.causes[:3]]
         lines += [f"  cannot be distinguished: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:
             other = f"; with {', '.join(self.stand_ins)}, not named" if self.stand_ins else ""

@@ -97,7 +97,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
 
     settings, report_progress = settings or DiagnosisSettings(), progress or (lambda text: None)
     prepared, baseline = task.prepared, task.baseline
-    notes = [*_polarity_note(baseline), *_unused_note(baseline, prepared.training), *prepared.notes]
+    notes = [*_unused_note(baseline, prepared.training), *prepared.notes]
     stage = [f"fitting {baseline.name}"]
 
     def report_stage(text: str) -> None:
@@ -120,8 +120,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
         if settings.fit_baseline and not task.fitted and not task.baseline_fitted:
             report_stage(f"fitting {baseline.name}")
             both: tuple[Callable[[], Any], ...] = (lambda start=baseline: start.fit(prepared.training), audit_raw)
-            results: list[Any] = in_forks(lambda call: call(), both)
-            baseline, audited = results
+            baseline, audited = in_forks(lambda call: call(), both)
         found = engine.diagnose(prepared.training, baseline, task.catalogue, prepared.held_out,
                                 replace(settings, fit_baseline=False), report_stage)
     except KeyboardInterrupt as stop:
@@ -133,10 +132,11 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
         give_back()
     extended = None if found.extended is None else _with_roles(
         found.extended.remembering(prepared.training, task.training_rows, SEARCH_SAMPLES), task)
-    baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
-    notes += _seen_rows(task)
-    return replace(_with_channel_names(found, task.raw), audit=audited or audit_raw(), notes=(*found.notes, *notes),
-                   extended=extended, baseline=baseline_text)
+    audited = audited or audit_raw()
+    notes = [*_polarity_note(baseline, audited), *notes, *_seen_rows(task)]
+    beside = {"polarity": baseline.polarity} | ({"esr_as_given": given} if given else {})
+    return replace(_with_channel_names(found, task.raw), audit=audited, notes=(*found.notes, *notes), extended=extended,
+                   baseline={**found.baseline, **beside})
 
 
 def _with_channel_names(found: Diagnosis, records: Sequence[Record]) -> Diagnosis:
@@ -171,12 +171,13 @@ def _seen_rows(task: DiagnosisTask) -> tuple[str, ...]:
     return notes if label in (TRAINING, PARTLY) else ()
 
 
-def _polarity_note(baseline: Baseline) -> list[str]:
+def _polarity_note(baseline: Baseline, audited: Audit) -> list[str]:
     if baseline.polarity > 0:
         return []
+    turned = "velocity" if any(f.name == "velocity-sign" for f in audited.findings) else baseline.output
     return [f"reversed polarity: the {baseline.output} opposes the motion in these records. The diagnosis is that "
             f"of the device itself, with the sign turned; extended_model.json simulates the records as measured. "
-            f"--flip {baseline.output} turns the records"]
+            f"--flip {turned} turns the records"]
 
 
 def _unused_note(baseline: Baseline, records: Sequence[Record]) -> list[str]:

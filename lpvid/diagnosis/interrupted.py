@@ -77,8 +77,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
     if best is not None and best.composition.effects:
         composition, vector = best.composition, best.vector
         after = _figures(problem, composition, vector)
-        reason += f"; best set so far: {', '.join(sorted(composition.members))}, {best.probability:.2f} of the sets " \
-                  "visited"
+        reason += f"; best set so far: {', '.join(sorted(composition.members))}, {best.probability:.2f} of the weight"
     unknown = np.full((vector.size, vector.size), np.nan)
     return Diagnosis("cannot-tell", reason, baseline.describe(), before, after, None, {"name": "not computed"}, wrong,
                      (), (), (), (), None, "training samples, nothing was held out",

@@ -92,6 +92,10 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
         having = [r for r in records if r.has(role)]
         if not having:
             continue
+        lacking = next((r for r in records if not r.has(role)), None)
+        if lacking is not None and role == "force" and (role in needed or not needed):
+            raise InputError(f"record '{lacking.name}' has no force, which other records have",
+                             got=", ".join(lacking.channels), mend=_checks.role_mend(role))
         bad = next((r for r in having if r.channel(role).fault or not r.channel(role).unit_known), None)
         if len(having) == len(records) and (bad is None or role in needed or role == "force"):
             found.append(role)

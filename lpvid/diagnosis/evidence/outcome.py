@@ -136,7 +136,7 @@ class EvidenceOutcome:
         places = "; ".join(f"{w.where} ({w.share:.0%})" for w in localise(problem, left)[:2])
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
-            f"{problem.blocks.halves}; each is predicted by the fit to the others, in which it counts for a hundredth"
+            f"{problem.blocks.halves} after start-up; each is predicted by a fit in which its weight is .01"
         in_set = {n for m in members for n in (m.effect.name, m.name)}
         return Diagnosis(
             verdict, reason, {**self.baseline.with_vector(selected.root.vector).describe()}, before, after,
