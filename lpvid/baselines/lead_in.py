@@ -21,7 +21,8 @@ def led_in(s: Signals) -> tuple[Signals, int]:
 
     It is exact for a record of one sine. Where the first quarter of a period is nearer to rest than to that motion, it
     is preceded by rest. Other channels have their first value. No measured output is used. Transients of filters end
-    before the record begins, too.
+    before the record begins, too. The mean and ω are of the whole record, so that the run along its first part alone
+    may begin otherwise. A slow state, such as heat, gains one period.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def led_in(s: Signals) -> tuple[Signals, int]:
     Returns
     -------
     signals : Signals
-        As given where there is no velocity, or nothing moves.
+        As given where there is no velocity, nothing moves, or the period is shorter than two samples.
     count : int
         Samples before the record; 0 then.
 
@@ -51,7 +52,9 @@ def led_in(s: Signals) -> tuple[Signals, int]:
     if not swing > HALF_DIGITS * float(np.abs(x).max(initial=0.0)) or not speed > 0:
         return s, 0
     omega, offset = speed / swing, float(x[0] - x.mean())
-    count = min(round(2 * np.pi / omega / s.sample_time), s.n_samples)
+    count = min(round(2 * np.pi * swing / speed / s.sample_time), s.n_samples) if np.isfinite(omega) else 0
+    if count < 2:  # a displacement at rest, or noise of its sensor
+        return s, 0
     phase = omega * s.sample_time * np.arange(-count, max(count // 4, 1))
     moved = offset * np.cos(phase) + v[0] / omega * np.sin(phase)
     speeds = v[0] * np.cos(phase) - offset * omega * np.sin(phase)

@@ -82,6 +82,9 @@ def repeats(signals: Sequence[Signals], channels: Sequence[str]) -> list[Repeat]
 def record_origins(records: Sequence[Signals]) -> tuple[list[int], list[int]]:
     """Which records are pieces of one (``run#1``, ``run#2``), and which are of one test.
 
+    Of one test are those of the same inputs, but for acceleration and temperature, along half of the longer one at
+    least.
+
     Parameters
     ----------
     records : sequence of Signals
@@ -90,24 +93,26 @@ def record_origins(records: Sequence[Signals]) -> tuple[list[int], list[int]]:
     Returns
     -------
     parents, tests : list of int
-        For each, the number of the first that is a piece of the same record; and of the first of the same inputs.
+        For each, the number of the first that is a piece of the same record; and of its test, counted from 0.
 
     Examples
     --------
     >>> def run(seed, name):
     ...     return Signals(0.01, {"velocity": np.random.default_rng(seed).standard_normal(400)}, np.ones(400), name)
     >>> record_origins([run(0, "a"), run(0, "b"), run(1, "c#1"), run(2, "c#2")])
-    ([0, 1, 2, 2], [0, 0, 2, 2])
+    ([0, 1, 2, 2], [0, 0, 1, 1])
     """
-    inputs = [c for c in records[0].channels if all(
+    inputs = [c for c in records[0].channels if c not in ("acceleration", "temperature") and all(
         s.has(c) and not np.array_equal(np.abs(s[c]), np.abs(s.output)) for s in records)]
     pieces = [s.name.rpartition("#") for s in records]
     keys = [head if head and number.isdigit() else k for k, (head, _, number) in enumerate(pieces)]
     parents = [keys.index(key) for key in keys]
     tests = list(parents)
-    for r in _repeated_records(records, inputs):
-        tests = [tests[r.first] if k == tests[r.second] else k for k in tests]
-    return parents, tests
+    for r in _repeated_records(records, inputs) if inputs else ():
+        sizes = records[r.first].n_samples, records[r.second].n_samples
+        if 2 * min(sizes) >= max(sizes):
+            tests = [tests[r.first] if k == tests[r.second] else k for k in tests]
+    return parents, [list(dict.fromkeys(tests)).index(k) for k in tests]
 
 
 def record_halves(sizes: Sequence[int], tests: Sequence[int]) -> list[int]:
@@ -130,7 +135,7 @@ def record_halves(sizes: Sequence[int], tests: Sequence[int]) -> list[int]:
 
     Examples
     --------
-    >>> record_halves([400, 400, 300, 200], [0, 0, 2, 3]), record_halves([900, 100], [0, 1])
+    >>> record_halves([400, 400, 300, 200], [0, 0, 1, 2]), record_halves([900, 100], [0, 1])
     ([0, 0, 1, 1], [])
     """
     half, held = {}, [0, 0]
@@ -151,7 +156,7 @@ def _alike(a: Signals, b: Signals, channels: Sequence[str], n: int) -> bool:
     for name in channels:
         x, y = a[name][:n], b[name][:n]
         spread = max(float(np.std(x)), float(np.std(y)), EPS * float(np.abs(x).max(initial=0.0)))
-        if spread > 0 and float(np.sqrt(np.mean((x - y) ** 2))) > DISTINCT * spread:
+        if spread > 0 and not float(np.sqrt(np.mean((x - y) ** 2))) <= DISTINCT * spread:
             return False
     return True
 

@@ -106,14 +106,14 @@ class Blocks:
         for k, record, begin, last in pieces:
             for first in range(begin, last - size + 1, size):
                 numbers[k][first + round(GAP * size): first + size] = len(records)
-                before = sum(parents[other] == parents[record] for other in records)
-                turn.append((before // in_a_row + tests[record]) % 2)
+                turn.append((sum(parents[k] == parents[record] for k in records) // in_a_row + tests[record]) % 2)
                 records.append(record)
         if len(records) < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
                              why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
-        halves = record_halves([s.n_samples for s in whole], tests)
-        fold = [halves[record] if halves else 0 for record in records]
-        by_record = 0 < sum(fold) < len(fold)
-        return cls(tuple(numbers), len(records), np.array(fold if by_record else turn),
-                   f"alternating {'records' if by_record else 'blocks'}", np.array(turn), length)
+        if not len(turn) <= 3 * sum(turn) <= 2 * len(turn):  # many runs of one test, of one block each
+            turn = [k // in_a_row % 2 for k in range(len(turn))]
+        half = dict(enumerate(record_halves([s.n_samples for s in whole], tests)))
+        fold = found if 0 < sum(found := [half.get(record, 0) for record in records]) < len(found) else turn
+        halves_of = f"alternating {'blocks' if fold is turn else 'records'}"
+        return cls(tuple(numbers), len(records), np.array(fold), halves_of, np.array(turn), length)

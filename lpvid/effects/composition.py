@@ -273,7 +273,10 @@ class Composition:
         """
         with_effects = self.effects or isinstance(self.baseline, CompositionBaseline)
         led, count = led_in(signals) if with_effects and not self.baseline.start else (signals, 0)
-        return self.predict(led, vector)[count:]
+        found = self.predict(led, vector)
+        if led is not signals:
+            led.cache.clear()  # what is cached refers to its signals, and would stay
+        return found[count:].copy()
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of a law that diverges they are not finite
     def sensitivities(self, signals: Signals, vector: np.ndarray, free: Sequence[int] | None = None,
