@@ -120,7 +120,8 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
         if settings.fit_baseline and not task.fitted and not task.baseline_fitted:
             report_stage(f"fitting {baseline.name}")
             both: tuple[Callable[[], Any], ...] = (lambda start=baseline: start.fit(prepared.training), audit_raw)
-            baseline, audited = in_forks(lambda call: call(), both)
+            results: list[Any] = in_forks(lambda call: call(), both)
+            baseline, audited = results
         found = engine.diagnose(prepared.training, baseline, task.catalogue, prepared.held_out,
                                 replace(settings, fit_baseline=False), report_stage)
     except KeyboardInterrupt as stop:
@@ -133,10 +134,9 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     extended = None if found.extended is None else _with_roles(
         found.extended.remembering(prepared.training, task.training_rows, SEARCH_SAMPLES), task)
     audited = audited or audit_raw()
-    notes = [*_polarity_note(baseline, audited), *notes, *_seen_rows(task)]
-    beside = {"polarity": baseline.polarity} | ({"esr_as_given": given} if given else {})
-    return replace(_with_channel_names(found, task.raw), audit=audited, notes=(*found.notes, *notes), extended=extended,
-                   baseline={**found.baseline, **beside})
+    noted = (*found.notes, *_polarity_note(baseline, audited), *notes, *_seen_rows(task))
+    base = {**found.baseline, "polarity": baseline.polarity} | ({"esr_as_given": given} if given else {})
+    return replace(_with_channel_names(found, task.raw), audit=audited, baseline=base, extended=extended, notes=noted)
 
 
 def _with_channel_names(found: Diagnosis, records: Sequence[Record]) -> Diagnosis:
