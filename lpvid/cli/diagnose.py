@@ -29,7 +29,8 @@ def diagnose(
     parameters: Annotated[Path | None, typer.Option("--parameters", metavar="FILE", help="Parameters of a named "
                           "baseline, instead of fitting it: a published set.")] = None,
     held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files on which the gain is "
-                                                       "measured; without them half of DATA by turns.")] = None,
+                                                       "measured; without them every second record or block of "
+                                                       "DATA, by a fit to the others.")] = None,
     catalogue: Annotated[list[str] | None, typer.Option("--catalogue", metavar="NAME", help="Catalogue of causes, e.g. "
                          "quartercar; repeat for several (all that are installed).")] = None,
     plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: the "

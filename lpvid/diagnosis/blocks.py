@@ -102,17 +102,18 @@ class Blocks:
             length = max(total / FEWEST - period, min(SHORTEST, cycle / 2))
             in_a_row = 1 if length >= min(SHORTEST, cycle) else 2
         size = max(round(length / period), FEWEST)
-        numbers, records, turn = [np.full(s.n_samples, -1) for s in signals], [], []
+        numbers, records, turn, before = [np.full(s.n_samples, -1) for s in signals], [], [], [0] * len(whole)
         for k, record, begin, last in pieces:
             for first in range(begin, last - size + 1, size):
                 numbers[k][first + round(GAP * size): first + size] = len(records)
-                turn.append((sum(parents[k] == parents[record] for k in records) // in_a_row + tests[record]) % 2)
+                turn.append((before[parents[record]] // in_a_row + tests[record]) % 2)
+                before[parents[record]] += 1
                 records.append(record)
         if len(records) < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
                              why=f"at least {FEWEST} blocks of {length:.3g} s are needed", mend="longer records")
-        if not len(turn) <= 3 * sum(turn) <= 2 * len(turn):  # many runs of one test, of one block each
-            turn = [k // in_a_row % 2 for k in range(len(turn))]
+        # else there are many runs of one test, of one block each
+        turn = turn if len(turn) <= 3 * sum(turn) <= 2 * len(turn) else [k // in_a_row % 2 for k in range(len(turn))]
         half = dict(enumerate(record_halves([s.n_samples for s in whole], tests)))
         fold = found if 0 < sum(found := [half.get(record, 0) for record in records]) < len(found) else turn
         halves_of = f"alternating {'blocks' if fold is turn else 'records'}"

@@ -17,13 +17,15 @@ from helpers.toy_viscous import CATALOGUE, DRY, FRICTION, RATE, SLOPE, Viscous, 
 import lpvid as lpv
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
-from lpvid.diagnosis.facade import _seen_rows, _with_channel_names, run_task
+from lpvid.diagnosis.facade import _polarity_note, _seen_rows, _with_channel_names, run_task
 from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.task import prepare_task
 from lpvid.effects.composition import Composition
+from lpvid.effects.preparing import prepare
 from lpvid.errors import InputError
+from lpvid.record import Record
 from lpvid.report.diagnosis import _facts
 
 
@@ -253,3 +255,17 @@ def test_held_out_records_that_hold_training_rows_are_noted() -> None:
         notes = _seen_rows(prepare_task([training], Viscous(), CATALOGUE, [kept]))
         assert (len(notes) == 1 and "holds samples that the model was fitted to" in notes[0]) if seen else not notes
     assert not _seen_rows(prepare_task([training], Viscous(), CATALOGUE))
+
+
+def test_a_record_that_lacks_the_force_is_named_itself() -> None:
+    other = measured(1)
+    bare = Record({n: c for n, c in other.channels.items() if n != "force"}, other.sample_time, name="bare")
+    with pytest.raises(InputError, match="record 'bare' has no force, which other records have"):
+        prepare([measured()], [bare], ())
+
+
+@pytest.mark.parametrize(("findings", "mend"), [((), "--flip force"), (("velocity-sign",), "--flip velocity")])
+def test_a_turned_velocity_has_one_mend(findings: tuple[str, ...], mend: str) -> None:
+    audited = SimpleNamespace(findings=[SimpleNamespace(name=n) for n in findings])
+    (note,) = _polarity_note(SimpleNamespace(polarity=-1, output="force"), audited)  # type: ignore[arg-type]
+    assert mend in note and not _polarity_note(SimpleNamespace(polarity=1), audited)  # type: ignore[arg-type]
