@@ -248,8 +248,9 @@ class Errors:
         Squared error over the output's squared deviation from its mean; 1 for a constant at that mean.
     rmse : float
         Root mean square of the error on held-out samples, in the output's unit.
-    part : {"held-out", "training"}
-        What `esr_held_out` and `rmse` are of: "training" where nothing was held out, as in an interrupted diagnosis.
+    part : {"held-out", "training", "partly training"}
+        What `esr_held_out` and `rmse` are of: "training" where nothing was held out, as in an interrupted diagnosis,
+        and with "partly training" where further records hold rows of the training records.
     """
 
     esr_training: float

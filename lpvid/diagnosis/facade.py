@@ -22,7 +22,7 @@ from lpvid.diagnosis.estimates import esr_as_given
 from lpvid.diagnosis.task import AUTO, DiagnosisTask, Progress, prepare_task
 from lpvid.record import Record
 from lpvid.rounding import EPS
-from lpvid.training_fingerprint import of_files
+from lpvid.training_fingerprint import beyond_training, of_files, ranges
 from lpvid.training_rows import PARTLY, TRAINING, TrainingRows, compared_rows
 
 if TYPE_CHECKING:
@@ -134,7 +134,8 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     extended = None if found.extended is None else _with_roles(
         found.extended.remembering(prepared.training, task.training_rows, SEARCH_SAMPLES), task)
     audited = audited or audit_raw()
-    noted = (*found.notes, *_polarity_note(baseline, audited), *notes, *_seen_rows(task))
+    found, seen = _labelled(found, task)
+    noted = (*found.notes, *_polarity_note(baseline, audited), *notes, *seen)
     base = {**found.baseline, "polarity": baseline.polarity} | ({"esr_as_given": given} if given else {})
     return replace(_with_channel_names(found, task.raw), audit=audited, baseline=base, extended=extended, notes=noted)
 
@@ -161,14 +162,19 @@ def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
     return replace(extended, metadata={**extended.metadata, **of_files(raw, names)})
 
 
-def _seen_rows(task: DiagnosisTask) -> tuple[str, ...]:
-    """A note where held-out records hold rows of the training records."""
+def _labelled(found: Diagnosis, task: DiagnosisTask) -> tuple[Diagnosis, tuple[str, ...]]:
+    """The figures of further records with their true label, and notes: rows of training data, channels beyond them."""
     apart, kept, output = task.raw[len(task.raw_training):], task.prepared.held_out, task.baseline.output
     if not apart or not kept:
-        return ()
-    known = TrainingRows.of(task.training_rows or task.prepared.training, output).to_dict()
-    label, notes = compared_rows({"training": {"rows": known}}, apart, kept, output).labelled()
-    return notes if label in (TRAINING, PARTLY) else ()
+        return found, ()
+    rows = TrainingRows.of(task.training_rows or task.prepared.training, output).to_dict()
+    label, notes = compared_rows({"training": {"rows": rows}}, apart, kept, output).labelled()
+    inputs = [n for n in task.baseline.channels if n != output]
+    beyond = beyond_training(kept, {"training": {"ranges": ranges(task.prepared.training, inputs)}}, inputs)
+    if label not in (TRAINING, PARTLY):
+        return found, beyond
+    return replace(found, before=replace(found.before, part=label), after=replace(found.after, part=label),
+                   held_out=f"{found.held_out} with rows of the training data"), (*notes, *beyond)
 
 
 def _polarity_note(baseline: Baseline, audited: Audit) -> list[str]:

@@ -273,7 +273,7 @@ def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension
                  ("baseline", found.before, "–"), ("extended model", found.after, f"{found.gain_percent:.1f} %"))]
     head = ("model", "ESR, training", "ESR, held-out", f"rmse, {found.after.part}", "gain")
     items: list[Item] = [PageTable(head, tuple(rows),
-                               f"Free run. Held out: {found.held_out}.", (1, 2, 3, 4), ("plain", "good"))]
+                               f"Free run; rmse and gain on {found.held_out}.", (1, 2, 3, 4), ("plain", "good"))]
     if lpv is not None:
         items.append(_lpv_table(lpv))
     drawn = draw.loops(shown, True)

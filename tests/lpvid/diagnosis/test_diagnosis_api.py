@@ -17,7 +17,7 @@ from helpers.toy_viscous import CATALOGUE, DRY, FRICTION, RATE, SLOPE, Viscous, 
 import lpvid as lpv
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.outcome import EvidenceOutcome
-from lpvid.diagnosis.facade import _polarity_note, _seen_rows, _with_channel_names, run_task
+from lpvid.diagnosis.facade import _labelled, _polarity_note, _with_channel_names, run_task
 from lpvid.diagnosis.localise import ErrorRegime
 from lpvid.diagnosis.problem import problem_of
 from lpvid.diagnosis.refitting import refit
@@ -249,12 +249,26 @@ def test_the_extended_model_keeps_the_rows_of_the_training_files() -> None:
     assert lpv.validate(found.extended, kept).label == "held-out"
 
 
-def test_held_out_records_that_hold_training_rows_are_noted() -> None:
+@pytest.mark.seconds
+def test_figures_of_held_out_records_that_hold_training_rows_are_not_called_held_out() -> None:
     training, other = measured(0), measured(1)
-    for kept, seen in ((training.slice(1000, 3000), True), (other, False)):
-        notes = _seen_rows(prepare_task([training], Viscous(), CATALOGUE, [kept]))
-        assert (len(notes) == 1 and "holds samples that the model was fitted to" in notes[0]) if seen else not notes
-    assert not _seen_rows(prepare_task([training], Viscous(), CATALOGUE))
+    found, files = plain_diagnosis(), {"held-out": [other], "training": [training.slice(1000, 3000)],
+                                       "partly training": [training.slice(1000, 3000), other]}
+    for part, kept in files.items():
+        task = prepare_task([training], Viscous(), CATALOGUE, kept)
+        labelled, notes = _labelled(found, task)
+        assert labelled.before.part == labelled.after.part == part
+        assert (labelled.before.to_dict()["esr"]["held_out"] is None) == (part != "held-out")
+        assert any("holds samples that the model was fitted to" in n for n in notes) == (part != "held-out")
+        assert labelled.held_out.endswith("with rows of the training data") == (part != "held-out")
+    assert _labelled(found, prepare_task([training], Viscous(), CATALOGUE)) == (found, ())
+
+
+def test_channels_of_held_out_records_beyond_the_training_range_are_stated() -> None:
+    training, other = measured(0), measured(1)
+    fast = other.with_channel("velocity", 3 * other["velocity"], "m/s")
+    _, notes = _labelled(plain_diagnosis(), prepare_task([training], Viscous(), CATALOGUE, [fast]))
+    assert len(notes) == 1 and "of 'velocity' lies outside the range of the training data" in notes[0]
 
 
 def test_a_record_that_lacks_the_force_is_named_itself() -> None:
