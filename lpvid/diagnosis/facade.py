@@ -106,7 +106,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
 
     def audit_raw() -> Audit:
         return audit(task.raw,
-                     scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in task.raw)))
+                     scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in task.raw)) or None)
 
     report_progress("auditing")
     given = audited = None

@@ -125,7 +125,7 @@ def foreign_case(seed: int) -> Row:
         "rig": "foreign", "visible": visible, "law_error": truth.law_error(world) if world.device.error else 0.0,
         "verdict": answer.verdict, "named": [c.name for c in answer.causes],
         "rivals": [list(r.names) for r in answer.rivals], "support": supports(answer),
-        "changes": {c.name: c.contribution for c in answer.causes},
+        "changes": changes(answer),
         "families": dict(answer.weights.families), "before": answer.before.esr_held_out,
         "after": answer.after.esr_held_out, "cpu": round(time.process_time() - begun, 2)}
 
@@ -136,11 +136,17 @@ def supports(answer: Diagnosis) -> dict[str, list]:
     return {k: list(astuple(s)) for k, s in answer.weights.components.items()}
 
 
+def changes(answer: Diagnosis) -> dict[str, float]:
+    """What every named cause changes, over the spread of the output."""
+    spread = answer.before.rmse / np.sqrt(answer.before.esr_held_out)
+    return {c.name: float(c.contribution / spread) for c in answer.causes}
+
+
 def own_case(seed: int) -> Row:
     """One case of the own rig as the scoreboard has it."""
     answers: list[Diagnosis] = []
     row = hidden_score.case(seed, CATALOGUE, answers=answers)
-    return row | {"rig": "own", "support": supports(answers[0])}
+    return row | {"rig": "own", "support": supports(answers[0]), "changes": changes(answers[0])}
 
 
 def measured_case(folder: Path, group: str, baseline: str) -> Row:
@@ -155,7 +161,7 @@ def measured_case(folder: Path, group: str, baseline: str) -> Row:
     answer = lpv.diagnose(records, baseline, sample_rate=None if rate is None else float(rate))
     return {"rig": "measured", "kind": group, "law": baseline, "causes": [], "verdict": answer.verdict,
             "named": [c.name for c in answer.causes], "rivals": [list(r.names) for r in answer.rivals],
-            "support": supports(answer), "cpu": round(time.process_time() - begun, 2)}
+            "support": supports(answer), "changes": changes(answer), "cpu": round(time.process_time() - begun, 2)}
 
 
 def run(options: argparse.Namespace) -> None:
