@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from lpvid.diagnosis.evidence.calibration import Support
 from lpvid.diagnosis.evidence.laplace import WeighedSets
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, match_form
+from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
+from lpvid.validation.trust import LEVEL
 
 NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
@@ -177,7 +180,23 @@ class SelectedSet:
                "several components: it may be a part of one of these"
 
     def _reason(self, m: SetMember) -> str | None:
-        return m.reason_not_named(self.relative_error, self.law_error)
+        return m.reason_not_named(self.relative_error, self.law_error) or (None if m.rivals else self._unresolved(m))
+
+    def _unresolved(self, m: SetMember) -> str | None:
+        """The reason where the 95 % region of a member's strengths includes none of it (Wald 1943).
+
+        As that of a delay of less than half a sample, which may stand for anything that is as quick: what the signals
+        do between their samples is not known (`Effect.clock_errors`).
+        """
+        e, fit = m.effect, self.fit
+        place = fit.composition.places[fit.composition.effects.index(e)]
+        spread = covariance(self.problem, fit)[place, place][: e.strengths, : e.strengths]
+        known = np.diag(spread) > 0
+        size = (fit.vector[place][: e.strengths] - e.neutral[: e.strengths])[known]
+        least = chdtri(known.sum(), 1 - LEVEL)
+        if not known.any() or size @ np.linalg.solve(spread[np.ix_(known, known)], size) > least:
+            return None
+        return f"the 95 % interval of its {e.parameters[0].name} includes no effect at all"
 
 
 def named_once(members: list[SetMember], sets: WeighedSets) -> list[SetMember]:

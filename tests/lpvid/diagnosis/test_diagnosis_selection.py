@@ -51,7 +51,9 @@ def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
     (True, (("lag", 0.2),), 0.02, True),  # that changes less
     (False, (("lag", 0.2),), 0.05, True),  # a component: its rivals do what it does
 ])
-def test_a_cause_may_be_a_part_of_what_a_larger_form_stands_for(flexible, rivals, change, kept):
+def test_a_cause_may_be_a_part_of_what_a_larger_form_stands_for(flexible, rivals, change, kept, monkeypatch):
+    monkeypatch.setattr(SelectedSet, "_unresolved", lambda self, m: None)
+
     def member(name: str, flexible: bool, rivals: tuple, change: float) -> SetMember:
         effect = SimpleNamespace(name=name, flexible=flexible)
         return SetMember(effect, name, np.zeros(1), 0.9, 0.9, 0.9, rivals, 1.0, 10.0, 1.0, change, 5.0)
@@ -60,6 +62,25 @@ def test_a_cause_may_be_a_part_of_what_a_larger_form_stands_for(flexible, rivals
     selected = SelectedSet(*[None] * 3, 1.0, *[np.zeros(1)] * 2, (form, dry), 0.05, 0.0, (), [])  # type: ignore[arg-type]
     reason = selected.reason_not_named(dry)
     assert (reason is None) is kept and (kept or "less than form" in reason)
+
+
+@pytest.mark.parametrize(("values", "spread", "named"), [
+    ([0.4, 1.0], [0.2, 1e-3], True),  # two standard errors from none
+    ([0.38, 1.0], [0.2, 1e-3], False),  # that of a delay holds the clock too
+    ([0.4, 1.0], [np.nan, 1e-3], True),  # at its bound: not known
+    ([0.4, 1.0], [0.0, 1e-3], True),  # a choice
+])
+def test_a_strength_whose_interval_includes_none_of_it_is_not_named(values, spread, named, monkeypatch):
+    monkeypatch.setattr(members, "covariance", lambda problem, fit: np.diag([1.0, *np.square(spread)]))
+    effect = SimpleNamespace(name="delay", strengths=1, neutral=np.zeros(2), flexible=False,
+                             parameters=[SimpleNamespace(name="delay")])
+    fit = SimpleNamespace(vector=np.array([5.0, *values]),
+                          composition=SimpleNamespace(effects=(effect,), places=[slice(1, 3)]))
+    delay = SetMember(effect, "delay", np.array(values), 0.9, 0.9, 0.9, (), 1.0, 10.0, 1.0, 0.05, 5.0)
+    selected = SelectedSet(None, None, fit, 1.0, *[np.zeros(1)] * 2, (delay,), 0.05, 0.0, (), [])  # type: ignore[arg-type]
+    reason = selected.reason_not_named(delay)
+    assert (reason is None) is named and (named or "interval of its delay includes no effect" in reason)
+    assert selected.reason_not_named(replace(delay, rivals=(("lag", 0.2),))) is None
 
 
 def test_a_form_that_simulates_a_named_component_is_no_stand_in():
