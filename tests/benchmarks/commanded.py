@@ -55,9 +55,12 @@ def diagnose(data: Sequence[str], baseline: str, options: Sequence[str] = (), he
 
 def summary(found: dict) -> dict:
     """What a score is made of, from ``diagnosis.json``."""
+    before = found["baseline"]
+    spread = before["rmse"] / before["esr"]["held_out"] ** 0.5 if before["esr"]["held_out"] else float("nan")
     return {"verdict": found["verdict"], "reason": found["reason"], "named": [c["name"] for c in found["causes"]],
             "parameters": {c["name"]: {p["name"]: p["value"] for p in c["parameters"]} for c in found["causes"]},
             "probabilities": [c.get("probability") for c in found["causes"]],
+            "changes": {c["name"]: c["contribution"] / spread for c in found["causes"]},
             "families": found.get("families", []), "posterior": found.get("probabilities", {}),
             "sets": [[s["names"], s["probability"]] for s in found.get("sets", [])][:4],
             "rivals": [r["names"] for r in found["rivals"]], "stand_ins": found["extended"]["stand_ins"],
