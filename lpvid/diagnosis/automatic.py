@@ -38,9 +38,8 @@ class Law:
     error: float
 
 
-def automatic(
-    records: Sequence[Record], report_progress: Callable[[str], None] = lambda text: None
-) -> tuple[Baseline, str]:
+def automatic(records: Sequence[Record], report_progress: Callable[[str], None] = lambda text: None
+              ) -> tuple[Baseline, str]:
     """The installed law without memory that describes records best for its number of parameters, and a note on it.
 
     The least κN ln(error out of fold) + P ln κN is chosen, with P parameters and κN independent samples in the error of
@@ -99,9 +98,8 @@ def _fewer(chosen: Law, best: Law, count: float) -> str:
     if chosen is best:
         return ""
     more = best.baseline.vector.size - chosen.baseline.vector.size
-    words = "1 parameter" if more == 1 else f"{more} parameters"
-    return (f". {best.baseline.name} has {gain_percent(chosen.error, best.error):.2g} % less error with {words} more: "
-            f"too little, with about {count:.0f} independent samples in the error")
+    return (f". {best.baseline.name} has {gain_percent(chosen.error, best.error):.2g} % less error with {more} "
+            f"parameter{'s' * (more != 1)} more: too little, with about {count:.0f} independent samples in the error")
 
 
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:

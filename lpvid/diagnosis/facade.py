@@ -8,20 +8,18 @@ from dataclasses import replace
 from gc import collect
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from lpvid._forks import in_forks
 from lpvid._memory import give_back
 from lpvid.baselines.baseline import Baseline
 from lpvid.baselines.budgets import LONG
+from lpvid.baselines.unread import unread_current
 from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.budgets import SEARCH_SAMPLES
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.estimates import esr_as_given
-from lpvid.diagnosis.task import AUTO, DiagnosisTask, Progress, prepare_task
+from lpvid.diagnosis.task import DiagnosisTask, Progress, prepare_task
 from lpvid.record import Record
-from lpvid.rounding import EPS
 from lpvid.training_fingerprint import beyond_training, of_files, ranges
 from lpvid.training_rows import PARTLY, TRAINING, TrainingRows, compared_rows
 
@@ -97,7 +95,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
 
     settings, report_progress = settings or DiagnosisSettings(), progress or (lambda text: None)
     prepared, baseline = task.prepared, task.baseline
-    notes = [*_unused_note(baseline, prepared.training), *prepared.notes]
+    notes = [*unread_current(baseline, prepared.training), *prepared.notes]
     stage = [f"fitting {baseline.name}"]
 
     def report_stage(text: str) -> None:
@@ -184,19 +182,3 @@ def _polarity_note(baseline: Baseline, audited: Audit) -> list[str]:
     return [f"reversed polarity: the {baseline.output} opposes the motion in these records. The diagnosis is that "
             f"of the device itself, with the sign turned; extended_model.json simulates the records as measured. "
             f"--flip {turned} turns the records"]
-
-
-def _unused_note(baseline: Baseline, records: Sequence[Record]) -> list[str]:
-    """Advice where a current moves in the records and the baseline does not read it.
-
-    It moves where the mean square of its steps is less than half of that of noise of its variance (von Neumann 1941).
-    """
-    if "current" in baseline.channels or not all(r.has("current") for r in records):
-        return []
-    currents = [r["current"] for r in records]
-    pooled = np.concatenate(currents)
-    steps = float(np.mean(np.concatenate([np.diff(c) for c in currents]) ** 2))
-    if not steps / 2 < 0.5 * float(pooled.var()) > EPS * float(np.mean(pooled**2)):
-        return []
-    return [f"the current moves between {pooled.min():.3g} and {pooled.max():.3g} and {baseline.name} does not read "
-            f"it: its influence counts as error here, or as a cause. --baseline {AUTO} selects a law that reads it"]

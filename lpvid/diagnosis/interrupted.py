@@ -37,6 +37,7 @@ class BestSoFar:
     weights: SetProbabilities
 
 
+@dataclass(eq=False)
 class InterruptedSearch(KeyboardInterrupt):
     """An interruption (Ctrl-C) of a search after its first set.
 
@@ -45,9 +46,7 @@ class InterruptedSearch(KeyboardInterrupt):
     best : BestSoFar
     """
 
-    def __init__(self, best: BestSoFar) -> None:
-        super().__init__()
-        self.best = best
+    best: BestSoFar
 
 
 def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best: BestSoFar | None = None) -> Diagnosis:

@@ -38,6 +38,8 @@ class Whitening:
         Eigenvectors in columns.
     root_weight : (n,) array
         Square roots of the weights.
+    least : float
+        Least mean square of a misfit, in the same unit: no law is known to be exact, however small its error is.
     """
 
     variance: float
@@ -47,6 +49,7 @@ class Whitening:
     shapes: np.ndarray
     basis: np.ndarray
     root_weight: np.ndarray
+    least: float = 0.0
 
     def weighed(self, stacked: np.ndarray) -> np.ndarray:
         """Values whose squares count by the weights; their blocks keep their places.
@@ -78,6 +81,8 @@ class Whitening:
     def beside(self, error: np.ndarray, alpha: float | None = None) -> Whitening:
         """The same noise beside the misfit of a model, at its most probable variances.
 
+        What the misfit lacks to the least one is as much of each of the `shapes`.
+
         Parameters
         ----------
         error : (N,) array
@@ -90,6 +95,7 @@ class Whitening:
         Whitening
         """
         misfit = variance_components(_squares(error, self.basis), self.within, self.shapes) @ self.shapes
+        misfit = misfit + max(self.least - float(misfit.mean()), 0.0) * self.shapes.mean(axis=0)
         if alpha is None:
             return replace(self, misfit=misfit)
         precision = 1 / (self.noise + misfit * error.size / alpha)
@@ -125,8 +131,8 @@ def _squares(stacked: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return np.mean((stacked.reshape(-1, len(basis)) @ basis) ** 2, axis=0)
 
 
-def whitening_of(pairs: Sequence[Repeat], errors: Sequence[np.ndarray], output: np.ndarray, size: int, start: int
-                 ) -> Whitening | None:
+def whitening_of(pairs: Sequence[Repeat], errors: Sequence[np.ndarray], output: np.ndarray, size: int, start: int,
+                 least: float = 0.0) -> Whitening | None:
     """The noise of blocks of some samples, from the error that does not repeat where the inputs do.
 
     The autocovariance is the biased one, with a positive spectrum: at a lag of k of n samples its mean is (1 − k/n) of
@@ -148,6 +154,8 @@ def whitening_of(pairs: Sequence[Repeat], errors: Sequence[np.ndarray], output: 
         n, samples of a block.
     start : int
         Samples at the head of a pair that are left out: a simulation starts there.
+    least : float
+        As of `Whitening`.
 
     Returns
     -------
@@ -166,7 +174,7 @@ def whitening_of(pairs: Sequence[Repeat], errors: Sequence[np.ndarray], output: 
     like_output = _squares(output, basis)
     shapes = np.array([like_output**power for power in (1.0, 0.5, 0.0)])
     shapes /= np.maximum(shapes.mean(axis=1, keepdims=True), TINY)
-    return Whitening(float(covariance[0]), within, noise, np.zeros(size), shapes, basis, np.ones(size))
+    return Whitening(float(covariance[0]), within, noise, np.zeros(size), shapes, basis, np.ones(size), least)
 
 
 def _summed_over_blocks(covariance: np.ndarray, basis: np.ndarray, within: np.ndarray, count: int) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from lpvid.diagnosis.evidence.calibration import Support
+from lpvid.diagnosis.evidence.discrepancy import TYPICAL_MISFIT
 from lpvid.diagnosis.evidence.laplace import WeighedSets
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, match_form
 from lpvid.diagnosis.intervals import covariance
@@ -16,12 +17,6 @@ from lpvid.diagnosis.refitting import Refit
 from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
 from lpvid.validation.trust import LEVEL
-
-NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
-"""change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
-that is less (tests/benchmarks/real_causes.py)"""
-LEAST_NAMED_CHANGE = 0.005
-"""change of the output, as a share of its rms, below which no cause is named"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,43 +61,6 @@ class SetMember:
     better: float
     change: float
     evidence: float | None
-
-    def reason_not_named(self, relative_error: float, law_error: float) -> str | None:
-        """Why it is not named; None where it is, or has rivals.
-
-        Parameters
-        ----------
-        relative_error : float
-            Error left, over the output: root mean squares.
-        law_error : float
-            The part of it that the inputs predict: the error of the law itself. A cause that changes less may be a
-            part of it.
-
-        Returns
-        -------
-        str or None
-        """
-        least = least_change(relative_error, law_error)
-        if self.change < least:
-            return f"it changes the output by {self.change:.2%}, less than {least:.2%}: too little to be named"
-        if self.probability < NAMED_PROBABILITY and not self.rivals:
-            return f"probability {self.probability:.2f} only, and no alternative is probable enough"
-        return None
-
-
-def least_change(relative_error: float, law_error: float) -> float:
-    """Change of the output, over its rms, below which a cause is not named.
-
-    Parameters
-    ----------
-    relative_error, law_error : float
-        As of `SetMember.reason_not_named`.
-
-    Returns
-    -------
-    float
-    """
-    return max(min(NAMED_CHANGE, NAMED_SHARE_OF_ERROR * relative_error), LEAST_NAMED_CHANGE, law_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +110,14 @@ class SelectedSet:
         return float(np.sqrt(self.predictable)) * self.relative_error
 
     @property
+    def least_change(self) -> float:
+        """Change of the output, over its rms, below which a member is not named: it may be a part of the law's error.
+
+        Where the members take up all of that, it was still the error of a typical law before, `TYPICAL_MISFIT`.
+        """
+        return max(TYPICAL_MISFIT, self.law_error)
+
+    @property
     def gains(self) -> np.ndarray:
         """(blocks,) reduction of the squared error out of fold by the set."""
         return self.problem.block_sums(self.before**2 - self.after**2)
@@ -180,7 +146,11 @@ class SelectedSet:
                "several components: it may be a part of one of these"
 
     def _reason(self, m: SetMember) -> str | None:
-        return m.reason_not_named(self.relative_error, self.law_error) or (None if m.rivals else self._unresolved(m))
+        if m.change < self.least_change:
+            return f"it changes the output by {m.change:.2%}, less than {self.least_change:.2%}: too little to be named"
+        if m.probability < NAMED_PROBABILITY and not m.rivals:
+            return f"probability {m.probability:.2f} only, and no alternative is probable enough"
+        return None if m.rivals else self._unresolved(m)
 
     def _unresolved(self, m: SetMember) -> str | None:
         """The reason where the 95 % region of a member's strengths includes none of it (Wald 1943).
@@ -188,13 +158,12 @@ class SelectedSet:
         As that of a delay of less than half a sample, which may stand for anything that is as quick: what the signals
         do between their samples is not known (`Effect.clock_errors`).
         """
-        e, fit = m.effect, self.fit
-        place = fit.composition.places[fit.composition.effects.index(e)]
-        spread = covariance(self.problem, fit)[place, place][: e.strengths, : e.strengths]
-        known = np.diag(spread) > 0
-        size = (fit.vector[place][: e.strengths] - e.neutral[: e.strengths])[known]
-        least = chdtri(known.sum(), 1 - LEVEL)
-        if not known.any() or size @ np.linalg.solve(spread[np.ix_(known, known)], size) > least:
+        e, k = m.effect, m.effect.strengths
+        place = self.fit.composition.places[self.fit.composition.effects.index(e)]
+        size = (self.fit.vector[place] - e.neutral)[:k]
+        spread = covariance(self.problem, self.fit)[place, place][:k, :k]
+        known = np.all(np.diag(spread) > 0)  # not at a bound, and no choice
+        if not known or size @ np.linalg.solve(spread, size) > chdtri(k, 1 - LEVEL):
             return None
         return f"the 95 % interval of its {e.parameters[0].name} includes no effect at all"
 
@@ -266,17 +235,17 @@ def keeps_names(other: SelectedSet, found: SelectedSet) -> bool:
     return not too_little(other) and all(2 * here.get(n, 0.0) >= reduction for n, reduction in wanted.items())
 
 
-def too_little(selected: SelectedSet, law_error: float = 0.0) -> list[SetMember]:
+def too_little(selected: SelectedSet, least: float = TYPICAL_MISFIT) -> list[SetMember]:
     """Members that change too little to be named.
 
     Parameters
     ----------
     selected : SelectedSet
-    law_error : float
-        Error of the law itself, over the output; 0 to leave it aside.
+    least : float
+        Least change; by default whatever the error of the law itself.
 
     Returns
     -------
     list of SetMember
     """
-    return [m for m in selected.members if m.change < least_change(selected.relative_error, law_error)]
+    return [m for m in selected.members if m.change < least]

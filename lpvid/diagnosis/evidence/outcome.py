@@ -25,7 +25,7 @@ from lpvid.diagnosis.diagnosis import (
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, least_change
+from lpvid.diagnosis.evidence.members import SelectedSet, SetMember
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.intervals import covariance
@@ -79,10 +79,9 @@ class EvidenceOutcome:
         It is then no answer that the error is unexplained. What is known to be noise, by repeats, counts for nothing.
         """
         selected = self.selected
-        least = least_change(selected.relative_error, selected.law_error)
         noise = 0.0 if self.search.noise is None else self.search.noise.variance
-        return all(m.change < least for m in selected.members) and self.search.relative_rms(selected.before) ** 2 - \
-            noise / self.search.data.discrepancy.output_rms**2 <= ACCEPTABLE_MISFIT**2
+        error = self.search.relative_rms(selected.before) ** 2 - noise / self.search.data.discrepancy.output_rms**2
+        return all(m.change < selected.least_change for m in selected.members) and error <= ACCEPTABLE_MISFIT**2
 
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:

@@ -14,7 +14,7 @@ from lpvid.baselines.signals import Signals
 from lpvid.diagnosis.blocks import START_UP
 from lpvid.diagnosis.budgets import BEAM_WIDTH, ITERATIONS, MOST_MEMBERS, MOST_STARTS, REFITTED_STARTS
 from lpvid.diagnosis.evidence import candidates as screenings
-from lpvid.diagnosis.evidence.discrepancy import Discrepancy
+from lpvid.diagnosis.evidence.discrepancy import TYPICAL_MISFIT, Discrepancy
 from lpvid.diagnosis.evidence.effective_samples import STRUCTURED_SAMPLES, STRUCTURED_SAMPLES_RANGE
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members
 from lpvid.diagnosis.evidence.relations import LAGGING, related
@@ -168,7 +168,7 @@ class SetSearch(VisitedSets):
         errors = replace(problem, signals=signals).errors(fit.composition, fit.vector)
         output = problem.stack([s.output - s.output.mean() for s in problem.signals])
         noise = whitening_of([r._replace(lag=ratio * r.lag) for r in self.repeated], errors, output, size,
-                             round(START_UP / period))
+                             round(START_UP / period), (TYPICAL_MISFIT * self.data.discrepancy.output_rms) ** 2)
         error = problem.stack(problem.errors(fit.composition, fit.vector))
         return replace(problem, whitening=noise and noise.beside(error, STRUCTURED_SAMPLES))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.toy_diagnosis import PERIOD, coloured, drive
@@ -71,6 +73,19 @@ def test_a_precision_is_that_of_noise_and_of_a_misfit_worth_few_samples(rng: np.
     assert (found.root_weight[0] / found.root_weight[-1]) ** 2 == pytest.approx((4 + 100) / (1 + 100), rel=1e-4)
     assert found.independent_share(4000 * SIZE, 80.0 * SIZE) == pytest.approx(
         np.mean((noise + 2) / (noise + 100)), rel=1e-4)
+
+
+def test_no_misfit_is_less_than_the_least_one(rng: np.random.Generator) -> None:
+    """Two shapes of mean one: of noise alone the misfit is the least one, half of either; a larger misfit stays."""
+    ramp = np.linspace(0.0, 2.0, SIZE)
+    known = Whitening(1.0, np.ones(SIZE), np.ones(SIZE), np.zeros(SIZE), np.array([ramp, np.ones(SIZE)]), np.eye(SIZE),
+                      np.ones(SIZE), 0.1)
+    noise, large = (rng.standard_normal((4000, SIZE)) for _ in range(2))
+    noise /= np.sqrt(np.mean(noise**2, axis=0)) * 1.001  # no more than is known
+    alone, beside = known.beside(noise.ravel(), ALPHA), known.beside((noise + 2 * large).ravel(), ALPHA)
+    np.testing.assert_allclose(alone.misfit, 0.1 * (ramp + 1) / 2, rtol=1e-6)
+    assert alone.independent_share(noise.size, ALPHA) == pytest.approx(1.1 / (1 + 0.1 * noise.size / ALPHA), rel=0.3)
+    np.testing.assert_allclose(beside.misfit, replace(known, least=0.0).beside((noise + 2 * large).ravel()).misfit)
 
 
 def test_what_a_simulation_starts_with_is_no_noise(rng: np.random.Generator) -> None:
