@@ -17,6 +17,7 @@ from lpvid.condition.interference import (
     interference,
     is_flat,
     power_of,
+    power_of_all,
     stretch_samples,
     top_of,
 )
@@ -142,10 +143,19 @@ def _spectrum_and_share(s: Signals, channel: str) -> tuple[Continued, np.ndarray
             return share if before.omega.size == signal.omega.size else \
                 np.interp(signal.omega, before.omega, share, right=0.0)
         source = next((r for r in RATES.get(channel, ()) if s.has(r) and _derived(s, channel, r)), None)
-        return share_of_motion(signal.omega, x, s.sample_time, s.finer) if source is None else \
+        return share_of_motion(signal.omega, _recorded(s, channel), s.sample_time, s.finer) if source is None else \
             _spectrum_and_share(s, source)[1]
 
     return signal, s.fact(channel, "share", find)
+
+
+def _recorded(s: Signals, channel: str) -> list[np.ndarray]:
+    """A channel along every whole record of the diagnosis; where it is not that of a record, along these signals.
+
+    Stretches of records that are cut together have kinks between them, which have more power at high frequencies than
+    a motion and its sensor's noise have.
+    """
+    return [r[channel] for r in (s.as_recorded(channel) if s.stretches else (s,))]
 
 
 def weighed_alike(s: Signals, like: Signals) -> Signals:
@@ -192,7 +202,7 @@ def noisier(s: Signals, rng: np.random.Generator) -> Signals:
     for channel in dict.fromkeys([r for sources in RATES.values() for r in sources] + list(RATES)):
         if s.has(channel) and s[channel].size >= SHORT:
             source = next((r for r in RATES.get(channel, ()) if r in added and _derived(s, channel, r)), None)
-            level = power_of(s[channel], s.sample_time, s.finer)[2]
+            level = power_of_all(_recorded(s, channel), s.sample_time, s.finer)[2]
             added[channel] = np.gradient(added[source], s.sample_time) if source else \
                 np.sqrt(level / (2 * s.sample_time * s.finer)) * rng.standard_normal(s.n_samples)
     return weighed_alike(s.replace(**{c: s[c] + n for c, n in added.items()}), s)
@@ -209,6 +219,8 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
 
     if s[source].size < SHORT:
         return False
+    if s.stretches and all(s.as_recorded(c)[0] is not s for c in (channel, source)):
+        return _derived(max(s.as_recorded(source), key=lambda r: r.n_samples), channel, source)
     at, power, noise = power_of(s[source], s.sample_time, s.finer)
     if not is_flat(top_of(at, power, s.finer)):  # also a record of few samples, or on a slow clock
         return False

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.condition.continuation import Continued
 from lpvid.condition.differentiation import DERIVED
-from lpvid.condition.interference import FEWEST, SHORT, interference, of_motion, power_of
+from lpvid.condition.interference import FEWEST, SHORT, interference, of_motion, power_of_all
 from lpvid.record import Record
 from lpvid.remark import Derivation, QuietDerivation
 
@@ -25,14 +25,15 @@ STEPPED = 0.3
 """ratio of the median to the root mean square of its increments below which a channel jumps between levels"""
 
 
-def share_of_motion(omega: np.ndarray, values: np.ndarray, period: float, finer: int = 1) -> np.ndarray:
+def share_of_motion(omega: np.ndarray, several: Sequence[np.ndarray], period: float, finer: int = 1) -> np.ndarray:
     """Share of motion in a channel, none beyond the band that was recorded.
 
     Parameters
     ----------
     omega : (m,) array
         Frequencies [rad/s].
-    values : (n,) array
+    several : sequence of (n,) arrays
+        The channel in every record.
     period : float
         Sampling period [s].
     finer : int
@@ -42,7 +43,7 @@ def share_of_motion(omega: np.ndarray, values: np.ndarray, period: float, finer:
     -------
     (m,) array
     """
-    at, power, noise = power_of(values, period, finer)
+    at, power, noise = power_of_all(several, period, finer)
     share = of_motion(np.interp(omega, 2 * np.pi * at, power), noise)
     share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
     return np.where(omega <= omega[-1] / finer, share, 0.0)
@@ -176,7 +177,7 @@ def with_quiet_velocity(record: Record) -> Record:
     if moved.size < FEWEST * SHORT or jumps(moved):
         return record
     signal = Continued.predicted(moved, period)
-    share = share_of_motion(signal.omega, moved, period)
+    share = share_of_motion(signal.omega, [moved], period)
     at, interfering = interference(moved, record["force"] if record.has("force") else moved, period)
     velocity = in_band(moved, signal, share, at, interfering)
     plain = replace(record, notes=tuple(n for n in record.notes if not isinstance(n, Derivation)))

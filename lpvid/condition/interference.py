@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lpvid.condition.bandwidth import PASSED
@@ -143,6 +145,41 @@ def power_of(values: np.ndarray, period: float, finer: int = 1) -> tuple[np.ndar
     size = stretch_samples(values.size, period)
     frequency, power = welch(values, 1 / period, nperseg=size, detrend="linear")
     return frequency, power, float(np.median(top_of(frequency, power, finer)))
+
+
+def power_of_all(several: Sequence[np.ndarray], period: float, finer: int = 1) -> tuple[np.ndarray, np.ndarray, float]:
+    """The same of a channel in several records: the mean over all of their time, at the frequencies of the longest.
+
+    Parameters
+    ----------
+    several : sequence of (n,) arrays
+        One per record.
+    period : float
+        Sampling period [s].
+    finer : int
+        As for `power_of`.
+
+    Returns
+    -------
+    frequency : (m,) array
+        [Hz]
+    power : (m,) array
+        Spectral density.
+    noise : float
+
+    Examples
+    --------
+    >>> x, y = np.random.default_rng(0).standard_normal((2, 4000))
+    >>> _, _, noise = power_of_all([x, 3 * y[:2000]], 1.0)
+    >>> bool(abs(noise / ((2 * 1 + 1 * 9) / 3 * 2) - 1) < 0.2)
+    True
+    """
+    several = sorted(several, key=len, reverse=True)
+    weights = np.array([v.size for v in several]) / sum(v.size for v in several)
+    found = [power_of(v, period, finer) for v in several]
+    frequency = found[0][0]
+    power = np.sum([w * np.interp(frequency, at, p) for w, (at, p, _) in zip(weights, found, strict=True)], axis=0)
+    return frequency, power, float(np.sum([w * n for w, (_, _, n) in zip(weights, found, strict=True)]))
 
 
 def top_of(frequency: np.ndarray, power: np.ndarray, finer: int = 1) -> np.ndarray:
