@@ -86,6 +86,5 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
 
 def _figures(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray) -> Errors:
     """Free-run errors on the training samples."""
-    stacked = problem.stacked_errors(composition, vector)
-    esr = float(np.mean(stacked**2)) / max(problem.spread**2, TINY)
-    return Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))), "training")
+    square = float(np.mean(problem.stacked_errors(composition, vector) ** 2))
+    return Errors(esr := square / max(problem.spread**2, TINY), esr, float(np.sqrt(square)), "training")

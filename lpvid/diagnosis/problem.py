@@ -50,8 +50,8 @@ class DiagnosisProblem:
     @cached_property
     def spread(self) -> float:
         """Root mean square of the output about its mean, over the blocks."""
-        return float(np.concatenate([s.output[n >= 0] for s, n in zip(self.signals, self.blocks.number,
-                                                                      strict=True)]).std())
+        inside = [s.output[n >= 0] for s, n in zip(self.signals, self.blocks.number, strict=True)]
+        return float(np.concatenate(inside).std())
 
     def forget_simulations(self, collected: bool = False) -> None:
         """Drop what is cached along the signals.

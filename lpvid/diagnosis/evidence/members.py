@@ -162,8 +162,8 @@ class SelectedSet:
         place = self.fit.composition.places[self.fit.composition.effects.index(e)]
         size = (self.fit.vector[place] - e.neutral)[:k]
         spread = covariance(self.problem, self.fit)[place, place][:k, :k]
-        known = np.all(np.diag(spread) > 0)  # not at a bound, and no choice
-        if not known or size @ np.linalg.solve(spread, size) > chdtri(k, 1 - LEVEL):
+        # a strength at a bound has no variance, a choice has none either
+        if not np.all(np.diag(spread) > 0) or size @ np.linalg.solve(spread, size) > chdtri(k, 1 - LEVEL):
             return None
         return f"the 95 % interval of its {e.parameters[0].name} includes no effect at all"
 
