@@ -9,7 +9,6 @@ from statistics import NormalDist
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from lpvid.diagnosis.evidence.discrepancy import TYPICAL_MISFIT
 from lpvid.diagnosis.localise import spectrum_lines
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.rounding import EPS, EXPLODED, TINY
@@ -165,9 +164,7 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
     beyond lines of its spectrum that nothing of the motion has. All of it is a misfit of the law, or noise too slow to
     be distinguished from one. Each sample of noise counts as independent, a misfit as α samples in all. Noise of the
     motion sensors that the model carries counts as a misfit too: every lag reduces it, whether or not anything lags.
-    A misfit is that of a typical law at least (`TYPICAL_MISFIT`), also where the data show none: no law is known to be
-    exact, and a difference that is far below its error must not decide between causes. Where repeats give the spectrum
-    of the noise, the misfit is what the error has beside it (`Whitening`).
+    Where repeats give the spectrum of the noise, the misfit is what the error has beside it (`Whitening`).
 
     Parameters
     ----------
@@ -191,8 +188,7 @@ def effective_samples(problem: DiagnosisProblem, errors: Sequence[np.ndarray], a
         share = float(w.misfit.mean()) / (w.variance + float(w.misfit.mean()))
         return EffectiveSamples(w.independent_share(stacked.size, alpha), share, w.variance, stacked.size, w)
     floor = min(white_noise(problem, stacked) + total * sum(x.share for x in spectrum_lines(problem, errors)), total)
-    misfit = max(total - floor, (TYPICAL_MISFIT * problem.spread) ** 2)
-    return EffectiveSamples(kappa_of(p := misfit / (misfit + floor), stacked.size, alpha), p, floor, stacked.size)
+    return EffectiveSamples(kappa_of(1 - floor / total, stacked.size, alpha), 1 - floor / total, floor, stacked.size)
 
 
 def _usual_share(problem: DiagnosisProblem, error: np.ndarray) -> float:

@@ -102,17 +102,6 @@ def test_white_noise_is_the_floor_and_the_rest_is_structure(wave, wanted):
     assert np.isclose(found.floor, 1.0, rtol=0.1)
 
 
-@pytest.mark.parametrize("level", [0.1, 0.01, 0.001])
-def test_no_law_counts_as_exact(level):
-    """White noise of a share of the output: beside it the structured error is that of a typical law."""
-    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
-    noise = level * problem.spread * np.random.default_rng(1).standard_normal(12000)
-    found = effective_samples(problem, [noise])
-    misfit = (TYPICAL_MISFIT * problem.spread) ** 2
-    assert np.isclose(found.structured, misfit / (misfit + found.floor)) and found.structured > 0.02
-    assert np.isclose(found.kappa, 1 / (1 - found.structured + found.structured * found.samples / STRUCTURED_SAMPLES))
-
-
 def test_the_floor_is_not_free_to_take_up_slow_noise():
     noise = lfilter([1.0], [1.0, -0.9], np.random.default_rng(1).standard_normal(12000))
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
