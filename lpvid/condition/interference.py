@@ -148,7 +148,9 @@ def power_of(values: np.ndarray, period: float, finer: int = 1) -> tuple[np.ndar
 
 
 def power_of_all(several: Sequence[np.ndarray], period: float, finer: int = 1) -> tuple[np.ndarray, np.ndarray, float]:
-    """The same of a channel in several records: the mean over all of their time, at the frequencies of the longest.
+    """Frequencies, mean power and noise level of a channel in several records.
+
+    The mean is over all of their time, at the frequencies of the longest (`power_of`).
 
     Parameters
     ----------

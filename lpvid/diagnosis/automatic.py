@@ -86,8 +86,7 @@ def automatic(records: Sequence[Record], report_progress: Callable[[str], None] 
 
     ranked = sorted(found, key=lambda law: count * np.log(max(law.error, TINY)) + law.baseline.vector.size * np.log(
         max(count, 2.0)))
-    spread = max(problem.spread**2, TINY)
-    described = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
+    described = ", ".join(f"{x.baseline.name} {x.error / max(problem.spread**2, TINY):.3g}" for x in ranked[:LISTED])
     chosen = ranked[0].baseline
     return chosen, (f"the law diagnosed is {chosen.name}, of {len(found)} that suit these records: free-run ESR out of "
                     f"fold {described}{_fewer(ranked[0], best, count)}")

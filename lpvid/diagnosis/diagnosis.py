@@ -249,8 +249,8 @@ class Errors:
     rmse : float
         Root mean square of the error on held-out samples, in the output's unit.
     part : {"held-out", "training", "partly training"}
-        What `esr_held_out` and `rmse` are of: "training" where nothing was held out, as in an interrupted diagnosis,
-        and with "partly training" where further records hold rows of the training records.
+        What `esr_held_out` and `rmse` are of. "training": nothing was held out, as in an interrupted diagnosis, or
+        nothing but rows of the training records; "partly training": further records hold some of these rows.
     """
 
     esr_training: float
@@ -264,7 +264,7 @@ class Errors:
         Returns
         -------
         dict
-            ``esr`` with ``training`` and ``held_out`` (None where nothing was held out), and ``rmse``.
+            ``esr`` with ``training`` and ``held_out`` (None unless `part` is "held-out"), and ``rmse``.
         """
         return {"esr": {"training": self.esr_training,
                         "held_out": self.esr_held_out if self.part == "held-out" else None}, "rmse": self.rmse}
@@ -337,7 +337,7 @@ class Diagnosis(Shown):
 
     @property
     def gain_percent(self) -> float:
-        """100 (1 − ESR_extended/ESR_baseline), held-out; of `Errors.part` where nothing was held out."""
+        """100 (1 − ESR_extended/ESR_baseline), on the samples that `Errors.part` states."""
         before = self.before.rmse**2  # of the same samples, finite where their output is constant
         return gain_percent(before, self.after.rmse**2) if before > 0 else 0.0
 

@@ -134,6 +134,7 @@ def run_task(task: DiagnosisTask, settings: DiagnosisSettings | None = None,
     audited = audited or audit_raw()
     found, seen = _labelled(found, task)
     noted = (*found.notes, *_polarity_note(baseline, audited), *notes, *seen)
+    given = given and given | ({} if found.before.part == "held-out" else {"held_out": None})
     base = {**found.baseline, "polarity": baseline.polarity} | ({"esr_as_given": given} if given else {})
     return replace(_with_channel_names(found, task.raw), audit=audited, baseline=base, extended=extended, notes=noted)
 
@@ -163,7 +164,7 @@ def _with_roles(extended: ExtendedModel, task: DiagnosisTask) -> ExtendedModel:
 def _labelled(found: Diagnosis, task: DiagnosisTask) -> tuple[Diagnosis, tuple[str, ...]]:
     """The figures of further records with their true label, and notes: rows of training data, channels beyond them."""
     apart, kept, output = task.raw[len(task.raw_training):], task.prepared.held_out, task.baseline.output
-    if not apart or not kept:
+    if not apart or not kept or not found.complete:
         return found, ()
     rows = TrainingRows.of(task.training_rows or task.prepared.training, output).to_dict()
     label, notes = compared_rows({"training": {"rows": rows}}, apart, kept, output).labelled()
@@ -171,8 +172,10 @@ def _labelled(found: Diagnosis, task: DiagnosisTask) -> tuple[Diagnosis, tuple[s
     beyond = beyond_training(kept, {"training": {"ranges": ranges(task.prepared.training, inputs)}}, inputs)
     if label not in (TRAINING, PARTLY):
         return found, beyond
+    weights = found.weights and replace(found.weights, sets=tuple(replace(w, held_out_esr=None)
+                                                                  for w in found.weights.sets))
     return replace(found, before=replace(found.before, part=label), after=replace(found.after, part=label),
-                   held_out=f"{found.held_out} with rows of the training data"), (*notes, *beyond)
+                   weights=weights, held_out=f"{found.held_out} with rows of the training data"), (*notes, *beyond)
 
 
 def _polarity_note(baseline: Baseline, audited: Audit) -> list[str]:

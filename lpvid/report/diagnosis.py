@@ -134,7 +134,7 @@ def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
 
 
 def _caveats(found: Diagnosis) -> tuple[str, ...]:
-    stated = [f"Held out: {found.held_out}."]
+    stated = [f"{found.before.part.capitalize()} figures are on {found.held_out}."]
     if not found.complete:
         stated.insert(0, "The diagnosis was interrupted: no cause is named.")
     if found.noise_floor is None and found.causes:

@@ -81,7 +81,7 @@ class Whitening:
     def beside(self, error: np.ndarray, alpha: float | None = None) -> Whitening:
         """The same noise beside the misfit of a model, at its most probable variances.
 
-        What the misfit lacks to the least one is as much of each of the `shapes`.
+        A misfit below `least` is raised to it, by equal parts of all `shapes`.
 
         Parameters
         ----------

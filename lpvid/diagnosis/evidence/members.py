@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from lpvid.diagnosis.evidence.calibration import Support
 from lpvid.diagnosis.evidence.discrepancy import TYPICAL_MISFIT
@@ -16,7 +15,7 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
-from lpvid.validation.trust import LEVEL
+from lpvid.validation.trust import QUANTILE
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,19 +152,19 @@ class SelectedSet:
         return None if m.rivals else self._unresolved(m)
 
     def _unresolved(self, m: SetMember) -> str | None:
-        """The reason where the 95 % region of a member's strengths includes none of it (Wald 1943).
+        """The reason where the 95 % interval of a component's only strength includes none of it (Wald 1943).
 
         As that of a delay of less than half a sample, which may stand for anything that is as quick: what the signals
-        do between their samples is not known (`Effect.clock_errors`).
+        do between their samples is not known (`Effect.clock_errors`). A strength at its bound has no interval.
         """
-        e, k = m.effect, m.effect.strengths
-        place = self.fit.composition.places[self.fit.composition.effects.index(e)]
-        size = (self.fit.vector[place] - e.neutral)[:k]
-        spread = covariance(self.problem, self.fit)[place, place][:k, :k]
-        # a strength at a bound has no variance, a choice has none either
-        if not np.all(np.diag(spread) > 0) or size @ np.linalg.solve(spread, size) > chdtri(k, 1 - LEVEL):
+        e, fit = m.effect, self.fit
+        if e.strengths > 1 or e.flexible:
             return None
-        return f"the 95 % interval of its {e.parameters[0].name} includes no effect at all"
+        at = fit.composition.places[fit.composition.effects.index(e)].start
+        error = QUANTILE * np.sqrt(covariance(self.problem, fit)[at, at])
+        if not abs(fit.vector[at] - e.parameters[0].neutral) < error:
+            return None
+        return f"{e.parameters[0].neutral:g} is inside the 95 % interval of its {e.parameters[0].name}"
 
 
 def named_once(members: list[SetMember], sets: WeighedSets) -> list[SetMember]:

@@ -127,15 +127,15 @@ class EvidenceOutcome:
         level = noise_level(problem, [c for c in self.baseline.channels if c != self.baseline.output], left)
         verdict, reason = self._verdict(named, contested, [m for m in found if not members or reasons[m.effect.name]],
                                         level, spectrum_lines(problem, left))
-        if not named and before.esr_held_out > 1:
-            verdict = "unexplained"
-            reason = f"the free run of {self.baseline.name} is farther from the data than their mean (held-out ESR " \
-                     f"{before.esr_held_out:.3g}): take a baseline that simulates them, for example auto"
         wrong = localise(problem, problem.errors(selected.root.composition, selected.root.vector))
         places = "; ".join(f"{w.where} ({w.share:.0%})" for w in localise(problem, left)[:2])
         after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
             f"{problem.blocks.halves} after start-up; each is predicted by a fit in which its weight is .01"
+        if not named and before.esr_held_out > 1:
+            verdict = "unexplained"
+            reason = f"the free run of {self.baseline.name} is farther from the data than their mean (ESR " \
+                     f"{before.esr_held_out:.3g} on {where}): take a baseline that simulates them, for example auto"
         in_set = {n for m in members for n in (m.effect.name, m.name)}
         return Diagnosis(
             verdict, reason, {**self.baseline.with_vector(selected.root.vector).describe()}, before, after,

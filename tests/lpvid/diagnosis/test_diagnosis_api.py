@@ -261,6 +261,9 @@ def test_figures_of_held_out_records_that_hold_training_rows_are_not_called_held
         assert (labelled.before.to_dict()["esr"]["held_out"] is None) == (part != "held-out")
         assert any("holds samples that the model was fitted to" in n for n in notes) == (part != "held-out")
         assert labelled.held_out.endswith("with rows of the training data") == (part != "held-out")
+        assert part == "held-out" or all(w.held_out_esr is None for w in labelled.weights.sets)
+        stopped = replace(found, complete=False)
+        assert _labelled(stopped, task) == (stopped, ())  # its figures are all of training samples
     assert _labelled(found, prepare_task([training], Viscous(), CATALOGUE)) == (found, ())
 
 

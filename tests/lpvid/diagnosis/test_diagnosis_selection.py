@@ -63,22 +63,25 @@ def test_a_cause_may_be_a_part_of_what_a_larger_form_stands_for(flexible, rivals
     assert (reason is None) is kept and (kept or "less than form" in reason)
 
 
-@pytest.mark.parametrize(("values", "spread", "named"), [
-    ([0.4, 1.0], [0.2, 1e-3], True),  # two standard errors from none
-    ([0.38, 1.0], [0.2, 1e-3], False),  # that of a delay holds the clock too
-    ([0.4, 1.0], [np.nan, 1e-3], True),  # at its bound: not known
-    ([0.4, 1.0], [0.0, 1e-3], True),  # a choice
+@pytest.mark.parametrize(("value", "error", "strengths", "flexible", "named"), [
+    (0.4, 0.2, 1, False, True),  # two standard errors from none
+    (0.38, 0.2, 1, False, False),
+    (0.38, 0.2, 2, False, True),  # the other strength may be there
+    (0.38, 0.2, 1, True, True),  # a form has no size of its own
+    (0.4, np.nan, 1, False, True),  # at its bound: not known
+    (0.4, 0.0, 1, False, True),  # a choice
 ])
-def test_a_strength_whose_interval_includes_none_of_it_is_not_named(values, spread, named, monkeypatch):
-    monkeypatch.setattr(members, "covariance", lambda problem, fit: np.diag([1.0, *np.square(spread)]))
-    effect = SimpleNamespace(name="delay", strengths=1, neutral=np.zeros(2), flexible=False,
-                             parameters=[SimpleNamespace(name="delay")])
-    fit = SimpleNamespace(vector=np.array([5.0, *values]),
+def test_a_strength_whose_interval_includes_none_of_it_is_not_named(value, error, strengths, flexible, named,
+                                                                    monkeypatch):
+    monkeypatch.setattr(members, "covariance", lambda problem, fit: np.diag([1.0, error**2, 1e-6]))
+    effect = SimpleNamespace(name="delay", strengths=strengths, flexible=flexible,
+                             parameters=[SimpleNamespace(name="delay", neutral=0.0)])
+    fit = SimpleNamespace(vector=np.array([5.0, value, 1.0]),
                           composition=SimpleNamespace(effects=(effect,), places=[slice(1, 3)]))
-    delay = SetMember(effect, "delay", np.array(values), 0.9, 0.9, 0.9, (), 1.0, 10.0, 1.0, 0.05, 5.0)
+    delay = SetMember(effect, "delay", np.array([value, 1.0]), 0.9, 0.9, 0.9, (), 1.0, 10.0, 1.0, 0.05, 5.0)
     selected = SelectedSet(None, None, fit, 1.0, *[np.zeros(1)] * 2, (delay,), 0.05, 0.0, (), [])  # type: ignore[arg-type]
     reason = selected.reason_not_named(delay)
-    assert (reason is None) is named and (named or "interval of its delay includes no effect" in reason)
+    assert (reason is None) is named and (named or reason == "0 is inside the 95 % interval of its delay")
     assert selected.reason_not_named(replace(delay, rivals=(("lag", 0.2),))) is None
 
 
