@@ -20,6 +20,8 @@ RINGING = 9
 """samples of that median: an anti-alias filter rings at a step for about two samples each way."""
 CHUNK = 100_000
 """samples smoothed at once."""
+SLACK = 0.01
+"""share of its range by which a channel may leave it before that counts as extrapolation"""
 
 
 # -- ranges ----------------------------------------------------------------------------------------------------------
@@ -66,7 +68,7 @@ class RangeComparison:
         self.unstated: dict[str, _Covered] = {}
 
     def add(self, record: Record) -> None:
-        """Count the samples of every channel whose training range is known.
+        """Count the samples of every channel whose training range is known; outside are those beyond it by `SLACK`.
 
         Parameters
         ----------
@@ -81,7 +83,8 @@ class RangeComparison:
             for table in tables:
                 own = table.setdefault(name, _Covered(unit=record.unit(name)))
                 own.count += values.size
-                own.outside += int(np.sum((values < low) | (values > high)))
+                slack = SLACK * (high - low)
+                own.outside += int(np.sum((values < low - slack) | (values > high + slack)))
                 own.least, own.largest = min(own.least, float(values.min())), max(own.largest, float(values.max()))
 
     def beyond(self, names: Sequence[str]) -> tuple[str, ...]:

@@ -111,18 +111,20 @@ def _with_parts(record: Record, model: Any, named: dict[str, tuple[str, ...]]) -
 
 
 def _lpv_extension(found: Diagnosis, task: DiagnosisTask) -> LpvExtension | None:
-    """The named causes in an LPV model, where there are some and the records allow one."""
+    """The named causes in an LPV model, where there are some and the records allow one.
+
+    Held-out records that hold rows of the training records are not: the last third of every record is, as without any.
+    """
     from lpvid.effects.lpv_extension import common_structure, measured_extension
     from lpvid.errors import InputError
 
     names = {c.name for c in found.causes}
-    records = task.prepared.training
-    structure = common_structure((*records, *task.prepared.held_out), task.baseline.output) if names else None
+    records, kept = task.prepared.training, task.prepared.held_out if found.before.part == "held-out" else ()
+    structure = common_structure((*records, *kept), task.baseline.output) if names else None
     if structure is None:
         return None
     try:
-        return measured_extension(records, structure, [e for e in task.catalogue if e.name in names],
-                                  task.prepared.held_out)
+        return measured_extension(records, structure, [e for e in task.catalogue if e.name in names], kept)
     except InputError:  # data on which no model of this structure can be fitted: the grey box stands alone
         return None
 

@@ -23,10 +23,9 @@ from lpvid.model.signals import Signal
 from lpvid.record import Channel, Record
 from lpvid.rounding import EXPLODED
 from lpvid.scheduling import Scheduling
+from lpvid.training_fingerprint import SLACK
 from lpvid.training_rows import TrainingRows
 
-SLACK = 0.01
-"""share of its range by which a scheduling variable may leave it before that counts as extrapolation"""
 KINDS = {"extended": ("lpvid.effects.extended_baseline", "ExtendedBaseline"),
          "fleet": ("lpvid.effects.fleet_law", "FleetLaw"), "lpv": ("lpvid.baselines.lpv_baseline", "LpvBaseline")}
 """modules of lpvid's own kinds of baseline, by the kind in their files"""
