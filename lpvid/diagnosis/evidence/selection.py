@@ -57,8 +57,10 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
         ablations, unhelpful = _ablated(search, fits, best)
         if not unhelpful:
             break
-        smaller[best.members] = best.members - unhelpful
-        dropped |= dict.fromkeys(unhelpful, "the error out of fold is no lower with it")
+        # one at a time: of two with the same effect, such as a preload and an offset, either is needless beside the other
+        least = min(sorted(unhelpful), key=lambda n: _out_of_fold_cost(search.problem, fits[best.members - {n}]))
+        smaller[best.members] = best.members - {least}
+        dropped[least] = "the error out of fold is no lower with it"
     found = _assessed(search, fits, sets, best, ablations, dropped)
     if not best.members:
         return replace(found, least_error_set=_least_error_set(search, fits))

@@ -63,23 +63,27 @@ def test_a_cause_may_be_a_part_of_what_a_larger_form_stands_for(flexible, rivals
     assert (reason is None) is kept and (kept or "less than form" in reason)
 
 
-@pytest.mark.parametrize(("value", "error", "strengths", "flexible", "named"), [
-    (0.4, 0.2, 1, False, True),  # two standard errors from none
-    (0.38, 0.2, 1, False, False),
-    (0.38, 0.2, 2, False, True),  # the other strength may be there
-    (0.38, 0.2, 1, True, True),  # a form has no size of its own
-    (0.4, np.nan, 1, False, True),  # at its bound: not known
-    (0.4, 0.0, 1, False, True),  # a choice
+@pytest.mark.parametrize(("value", "error", "clock", "strengths", "flexible", "named"), [
+    (0.4, 0.2, 0.0, 1, False, True),  # two standard errors from none
+    (0.38, 0.2, 0.0, 1, False, False),
+    (0.51, 0.0, 1 / np.sqrt(12), 1, False, True),  # half a sample, which is all that the clock leaves open
+    (0.47, 0.0, 1 / np.sqrt(12), 1, False, False),
+    (0.38, 0.2, 0.0, 2, False, True),  # the other strength may be there
+    (0.38, 0.2, 0.0, 1, True, True),  # a form has no size of its own
+    (0.4, np.nan, 0.0, 1, False, True),  # at its bound: not known
+    (0.4, 0.0, 0.0, 1, False, True),  # a choice
 ])
-def test_a_strength_whose_interval_includes_none_of_it_is_not_named(value, error, strengths, flexible, named,
+def test_a_strength_whose_interval_includes_none_of_it_is_not_named(value, error, clock, strengths, flexible, named,
                                                                     monkeypatch):
-    monkeypatch.setattr(members, "covariance", lambda problem, fit: np.diag([1.0, error**2, 1e-6]))
+    monkeypatch.setattr(members, "covariance", lambda problem, fit: np.diag([1.0, error**2 + clock**2, 1e-6]))
     effect = SimpleNamespace(name="delay", strengths=strengths, flexible=flexible,
+                             clock_errors=lambda values, signals: np.array([clock, 0.0]),
                              parameters=[SimpleNamespace(name="delay", neutral=0.0)])
     fit = SimpleNamespace(vector=np.array([5.0, value, 1.0]),
                           composition=SimpleNamespace(effects=(effect,), places=[slice(1, 3)]))
     delay = SetMember(effect, "delay", np.array([value, 1.0]), 0.9, 0.9, 0.9, (), 1.0, 10.0, 1.0, 0.05, 5.0)
-    selected = SelectedSet(None, None, fit, 1.0, *[np.zeros(1)] * 2, (delay,), 0.05, 0.0, (), [])  # type: ignore[arg-type]
+    problem = SimpleNamespace(signals=())
+    selected = SelectedSet(problem, None, fit, 1.0, *[np.zeros(1)] * 2, (delay,), 0.05, 0.0, (), [])  # type: ignore[arg-type]
     reason = selected.reason_not_named(delay)
     assert (reason is None) is named and (named or reason == "0 is inside the 95 % interval of its delay")
     assert selected.reason_not_named(replace(delay, rivals=(("lag", 0.2),))) is None
@@ -92,6 +96,25 @@ def test_a_form_that_simulates_a_named_component_is_no_stand_in():
     whole = replace(found, causes=(replace(found.causes[0], name="friction", form="dry"),))
     assert whole.stand_ins == () and whole.to_dict()["causes"][0]["form"] == "dry"
     assert replace(found, causes=()).stand_ins == ("dry",) and "form" not in found.to_dict()["causes"][0]
+
+
+def test_of_two_members_with_the_same_effect_one_is_dropped(monkeypatch):
+    """Either is needless beside the other, as a preload beside an offset; both were dropped, and nothing explained."""
+    whole, costs = frozenset("abc"), {frozenset("bc"): 2.0, frozenset("ac"): 1.0}
+
+    def ablated(search, fits, w):
+        fits.update({m: m for m in costs})
+        return [], {"a", "b"} if w.members == whole else set()
+
+    for name, function in {
+        "confirmed_sets": lambda search, rejected, smaller: smaller, "_ablated": ablated,
+        "reported_set": lambda smaller: SimpleNamespace(members=smaller.get(whole, whole)),
+        "_out_of_fold_cost": lambda problem, members: costs[members], "_better_predicting": lambda *rest: [],
+        "_assessed": lambda search, fits, sets, w, ablations, dropped: (w.members, set(dropped)),
+    }.items():
+        monkeypatch.setattr(selection, name, function)
+    search = SimpleNamespace(root=SimpleNamespace(fit=None), problem=None)
+    assert selection.select_set(search, lambda text: None) == (frozenset("ac"), {"b"})  # type: ignore[arg-type]
 
 
 class Held(Bent):
