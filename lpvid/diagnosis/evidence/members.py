@@ -154,9 +154,9 @@ class SelectedSet:
     def _unresolved(self, m: SetMember) -> str | None:
         """The reason where the 95 % interval of a component's only strength includes none of it (Wald 1943).
 
-        As that of a delay of less than half a sample, which may stand for anything that is as quick. A clock's error is
-        even over a sample: 95 % of it lie within .95 √3 standard errors (`Effect.clock_errors`). A strength at its bound
-        has no interval.
+        As that of a delay of less than half a sample, which may stand for anything as quick. A clock's error is
+        even over a sample: 95 % of it lie within .95 √3 standard errors (`Effect.clock_errors`). A strength at its
+        bound has no interval.
         """
         e, fit = m.effect, self.fit
         at = fit.composition.places[fit.composition.effects.index(e)].start

@@ -57,7 +57,7 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
         ablations, unhelpful = _ablated(search, fits, best)
         if not unhelpful:
             break
-        # one at a time: of two with the same effect, such as a preload and an offset, either is needless beside the other
+        # one at a time: of two with the same effect, as a preload and an offset, either is needless beside the other
         least = min(sorted(unhelpful), key=lambda n: _out_of_fold_cost(search.problem, fits[best.members - {n}]))
         smaller[best.members] = best.members - {least}
         dropped[least] = "the error out of fold is no lower with it"
