@@ -172,8 +172,8 @@ def power_of_all(several: Sequence[np.ndarray], period: float, finer: int = 1) -
     Examples
     --------
     >>> x, y = np.random.default_rng(0).standard_normal((2, 4000))
-    >>> _, _, noise = power_of_all([x, 3 * y[:2000]], 1.0)
-    >>> bool(abs(noise / ((2 * 1 + 1 * 9) / 3 * 2) - 1) < 0.2)
+    >>> _, _, noise = power_of_all([x, 3 * y[:2000]], 0.01)
+    >>> bool(abs(noise / (2 * 0.01 * (2 * 1 + 1 * 9) / 3) - 1) < 0.2)  # 2 times the period times the mean variance
     True
     """
     several = sorted(several, key=len, reverse=True)

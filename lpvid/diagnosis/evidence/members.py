@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.diagnosis.evidence.calibration import Support
-from lpvid.diagnosis.evidence.discrepancy import TYPICAL_MISFIT
 from lpvid.diagnosis.evidence.laplace import WeighedSets
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, match_form
 from lpvid.diagnosis.intervals import covariance
@@ -16,6 +15,12 @@ from lpvid.diagnosis.refitting import Refit
 from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
 from lpvid.validation.trust import LEVEL, QUANTILE
+
+NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
+"""change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
+that is less (tests/benchmarks/real_causes.py)"""
+LEAST_NAMED_CHANGE = 0.005
+"""change of the output, as a share of its rms, below which no cause is named"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +114,6 @@ class SelectedSet:
         return float(np.sqrt(self.predictable)) * self.relative_error
 
     @property
-    def least_change(self) -> float:
-        """Change of the output, over its rms, below which a member is not named: it may be a part of the law's error.
-
-        Where the members take up all of that, it was still the error of a typical law before, `TYPICAL_MISFIT`.
-        """
-        return max(TYPICAL_MISFIT, self.law_error)
-
-    @property
     def gains(self) -> np.ndarray:
         """(blocks,) reduction of the squared error out of fold by the set."""
         return self.problem.block_sums(self.before**2 - self.after**2)
@@ -145,8 +142,8 @@ class SelectedSet:
                "several components: it may be a part of one of these"
 
     def _reason(self, m: SetMember) -> str | None:
-        if m.change < self.least_change:
-            return f"it changes the output by {m.change:.2%}, less than {self.least_change:.2%}: too little to be named"
+        if m.change < (least := least_change(self.relative_error, self.law_error)):
+            return f"it changes the output by {m.change:.2%}, less than {least:.2%}: too little to be named"
         if m.probability < NAMED_PROBABILITY and not m.rivals:
             return f"probability {m.probability:.2f} only, and no alternative is probable enough"
         return None if m.rivals else self._unresolved(m)
@@ -234,17 +231,35 @@ def keeps_names(other: SelectedSet, found: SelectedSet) -> bool:
     return not too_little(other) and all(2 * here.get(n, 0.0) >= reduction for n, reduction in wanted.items())
 
 
-def too_little(selected: SelectedSet, least: float = TYPICAL_MISFIT) -> list[SetMember]:
+def too_little(selected: SelectedSet, law_error: float = 0.0) -> list[SetMember]:
     """Members that change too little to be named.
 
     Parameters
     ----------
     selected : SelectedSet
-    least : float
-        Least change; by default whatever the error of the law itself.
+    law_error : float
+        Error of the law itself, over the output; 0 to leave it aside.
 
     Returns
     -------
     list of SetMember
     """
-    return [m for m in selected.members if m.change < least]
+    return [m for m in selected.members if m.change < least_change(selected.relative_error, law_error)]
+
+
+def least_change(relative_error: float, law_error: float) -> float:
+    """Change of the output, over its rms, below which a cause is not named.
+
+    Parameters
+    ----------
+    relative_error : float
+        Error left, over the output: root mean squares.
+    law_error : float
+        The part of it that the inputs predict: the error of the law itself. A cause that changes less may be a part of
+        it.
+
+    Returns
+    -------
+    float
+    """
+    return max(min(NAMED_CHANGE, NAMED_SHARE_OF_ERROR * relative_error), LEAST_NAMED_CHANGE, law_error)

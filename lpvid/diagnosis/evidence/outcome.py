@@ -25,7 +25,7 @@ from lpvid.diagnosis.diagnosis import (
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.evidence.members import SelectedSet, SetMember
+from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, too_little
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.intervals import covariance
@@ -81,7 +81,7 @@ class EvidenceOutcome:
         selected = self.selected
         noise = 0.0 if self.search.noise is None else self.search.noise.variance
         error = self.search.relative_rms(selected.before) ** 2 - noise / self.search.data.discrepancy.output_rms**2
-        return all(m.change < selected.least_change for m in selected.members) and error <= ACCEPTABLE_MISFIT**2
+        return error <= ACCEPTABLE_MISFIT**2 and len(too_little(selected, selected.law_error)) == len(selected.members)
 
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:

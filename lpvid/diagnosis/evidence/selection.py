@@ -93,7 +93,7 @@ def _assessed(search: SetSearch, fits: dict[Members, Refit], sets: WeighedSets, 
     share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
     selected = SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                            relative_error, share, tuple(t for t in dropped.items() if t[0] not in w.members), sets)
-    little = too_little(selected, selected.least_change)
+    little = too_little(selected, selected.law_error)
     if len(little) < 2:
         return selected
     alone = _changes_alone(search, fits, fit, [m.effect for m in little])

@@ -22,13 +22,16 @@ from lpvid.record import Channel, Record
 from lpvid.report.diagnosis import _cause_row
 
 
-@pytest.mark.parametrize("change, law_error, small", [
-    (0.016, 0.0, False), (0.014, 0.0, True), (0.03, 0.02, False), (0.03, 0.05, True)])
-def test_what_changes_less_than_a_law_errs_is_not_named(change, law_error, small):
+@pytest.mark.parametrize("change, left, law_error, small", [
+    (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
+    (0.03, 0.1, 0.05, True)])
+def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, law_error, small):
     dry = SetMember(Dry(), "dry", np.array([1.0]), 1.0, 1.0, 1.0, (("lag", 0.2),), 1.0, 50.0, 1.0, change, 10.0)
-    selected = SelectedSet(*[None] * 3, 1.0, *[np.zeros(1)] * 2, (dry,), law_error, 1.0, (), [])  # type: ignore[arg-type]
+    predictable = (law_error / left) ** 2
+    selected = SelectedSet(*[None] * 3, 1.0, *[np.zeros(1)] * 2, (dry,), left, predictable, (), [])  # type: ignore[arg-type]
     stated = selected.reason_not_named(dry)
     assert (stated is not None) is small and (stated is None or "too little to be named" in stated)
+    assert members.LEAST_NAMED_CHANGE < members.NAMED_CHANGE
 
 
 class Knee(Added):
@@ -38,8 +41,8 @@ class Knee(Added):
 
 @pytest.mark.seconds
 def test_of_two_with_the_same_effect_neither_is_too_little_to_be_named():
-    """Without either, with the other refitted, less than 1.5 per cent changes; without both it is more."""
-    run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.17 * np.sign(u) + 0.17 * np.tanh(12 * u))
+    """Without either, with the other refitted, less than half a per cent changes; without both it is more."""
+    run = record(np.random.default_rng(3), level=0.004, hidden=lambda u: 0.06 * np.sign(u) + 0.06 * np.tanh(12 * u))
     found = diagnose([run], Bent(), [Dry(), Knee()])
     assert {c.name for c in found.causes} == {"dry", "knee"}
 
@@ -333,7 +336,7 @@ def test_a_cause_without_which_no_evidence_is_defined_has_no_bic(monkeypatch):
 ])
 def test_a_change_too_small_to_be_named_is_no_unexplained_error_of_a_good_law(monkeypatch, acceptable, verdict, stated):
     data = record(np.random.default_rng(3), level=0.1, hidden=lambda u: 0.8 * np.sign(u))
-    monkeypatch.setattr(members, "TYPICAL_MISFIT", 0.99)
+    monkeypatch.setattr(members, "LEAST_NAMED_CHANGE", 0.99)
     monkeypatch.setattr(outcome, "ACCEPTABLE_MISFIT", acceptable)
     found = diagnose([data], Bent(), [Dry()])
     assert found.verdict == verdict and stated in found.reason and not found.causes
