@@ -126,7 +126,6 @@ class OneSidedFilter(ChainEffect):
     """The motion alone has passed a low-pass of order two or three, which is inverted here (sheet 1.4.10)."""
 
     name: ClassVar[str] = "one-sided-filter"
-    contains: ClassVar[tuple[str, ...]] = ("displacement-delay",)  # order three: maximally flat delay (Bessel's filter)
     added_later: ClassVar[tuple[str, ...]] = ("further_lag",)
     path: ClassVar[str] = "motion"
     title: ClassVar[str] = "the motion was low-passed and the force was not"
