@@ -2,12 +2,14 @@
 
     python tests/benchmarks/fair_fits.py FOLDER [GROUP ...]
     python tests/benchmarks/fair_fits.py FOLDER [GROUP ...] --siblings
+    python tests/benchmarks/fair_fits.py FOLDER [GROUP ...] --draw SEED
 
 Plain numpy and scipy on the laws of `fair_laws`; the project's models, effects and engine are not used. Every
 structure is a set of named terms; its nonlinear parameters are fitted by least squares from several starts, the linear
 ones solved for (variable projection). The error is of the free run, over the variance of the force, the first quarter
 of a second of each record left out. ``--siblings`` takes other records of the same specimens
-(`real_records.siblings`), and of each the best structure of its group.
+(`real_records.siblings`), and of each the best structure of its group; ``--draw`` parts drawn anew
+(`real_records.drawn`).
 """
 
 from __future__ import annotations
@@ -251,12 +253,15 @@ def main() -> None:
     parser.add_argument("--terms", nargs="*", default=[], help="structures instead of the list, terms joined by +")
     parser.add_argument("--without-current", action="store_true", help="laws that do not read the current")
     parser.add_argument("--siblings", action="store_true", help="other records of the same specimens")
+    parser.add_argument("--draw", type=int, metavar="SEED", help="parts of the same specimens drawn anew")
     options = parser.parse_args()
     best = {a.group: a.best for a in real_answers.ANSWERS}
-    for group in real_records.siblings() if options.siblings else real_records.GROUPS:
+    others = real_records.siblings() if options.siblings else ()
+    others = real_records.drawn(options.draw) if options.draw is not None else others
+    for group in others or real_records.GROUPS:
         if "car" in (group.name, group.of) or (options.group and group.name not in options.group):
             continue
-        asked = options.terms or ([best[group.of]] if options.siblings else [])
+        asked = options.terms or ([best[group.of]] if others else [])
         structures = tuple(tuple(t.split("+")) for t in asked) or STRUCTURES
         for row in table(options.folder, group, structures, not options.without_current):
             print(json.dumps(row), flush=True)

@@ -3,10 +3,12 @@
     python tests/benchmarks/real_causes.py FOLDER OUT [CASE ...] [--limit SECONDS]
     python tests/benchmarks/real_causes.py FOLDER OUT --table
     python tests/benchmarks/real_causes.py FOLDER OUT --siblings
+    python tests/benchmarks/real_causes.py FOLDER OUT --draw SEED
 
 A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. ``--siblings`` takes
-other records of the same specimens instead (OUT/siblings.jsonl), whose fair answers are the same. All cases are run by
-the user's command with held-out files. Marks:
+other records of the same specimens instead (OUT/siblings.jsonl), whose fair answers are the same. ``--draw`` takes
+parts drawn anew (OUT/drawn.jsonl); the error by hand is fitted to the same parts then. All cases are run by the user's
+command with held-out files. Marks:
 
 - right: more than half of the expected parts named (or, where the catalogue may lack the only one, nothing named and
   the verdict not ``explained``), nothing wrong;
@@ -26,6 +28,7 @@ import tempfile
 from pathlib import Path
 
 import commanded
+import fair_fits
 import numpy as np
 import real_answers
 import real_records
@@ -33,10 +36,11 @@ from real_answers import Answer, parts_of
 from rows import append
 
 
-def cases(siblings: bool = False) -> list[tuple[str, str]]:
-    """Groups and baselines, in the order of the table; of siblings those that have a fair answer."""
-    if siblings:
-        return [(g.name, b) for g in real_records.siblings() for b in g.baselines if real_answers.answer(g.of, b)]
+def cases(siblings: bool = False, seed: int | None = None) -> list[tuple[str, str]]:
+    """Groups and baselines, in the order of the table; of siblings and drawn parts those that have a fair answer."""
+    if siblings or seed is not None:
+        others = real_records.siblings() if seed is None else real_records.drawn(seed)
+        return [(g.name, b) for g in others for b in g.baselines if real_answers.answer(g.of, b)]
     return [(g.name, b) for g in real_records.GROUPS for b in g.baselines]
 
 
@@ -81,7 +85,7 @@ def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
     """Diagnose the cases that have no row yet."""
     path = _path(out, options)
     done = {(r["group"], r["baseline"]) for r in rows(path)}
-    for name, baseline in cases(options.siblings):
+    for name, baseline in cases(options.siblings, options.draw):
         if (name, baseline) in done or (options.case and f"{name}/{baseline}" not in options.case):
             continue
         group = real_records.group(name)
@@ -90,9 +94,22 @@ def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
                               for kind, part in (("training", group.training), ("held_out", group.held_out)))
             row = commanded.diagnose(data, baseline, group.options, held_out, options.limit)
         row = {"group": name, "baseline": baseline, **row}
+        if options.draw is not None:
+            row["by_hand"] = by_hand(folder, group)
         how = mark(row, real_answers.answer(_base(name), baseline))
         print(f"{name}/{baseline}: {how} {row.get('named')}", flush=True)
         append(path, row)
+
+
+def by_hand(folder: Path, group: real_records.Group) -> float | None:
+    """Held-out ESR, from the first sample on, of the best structure of a specimen fitted by hand to these parts.
+
+    None for the car, whose fit by hand is of whole runs (`fair_car`).
+    """
+    structure = next(a.best for a in real_answers.ANSWERS if a.group == group.of)
+    if group.of == "car":
+        return None
+    return next(fair_fits.table(folder, group, (tuple(structure.split("+")),)))["whole"]
 
 
 def _base(name: str) -> str:
@@ -101,7 +118,7 @@ def _base(name: str) -> str:
 
 
 def _path(out: Path, options: argparse.Namespace) -> Path:
-    return out / ("siblings.jsonl" if options.siblings else "real.jsonl")
+    return out / ("drawn.jsonl" if options.draw is not None else "siblings.jsonl" if options.siblings else "real.jsonl")
 
 
 def rows(path: Path) -> list[dict]:
@@ -116,16 +133,16 @@ def table(found: list[dict]) -> str:
     marks, ratios = [], []
     for row in found:
         answer = real_answers.answer(_base(row["group"]), row["baseline"])
-        how, hand = mark(row, answer), real_answers.BY_HAND[row["group"]]
+        how, hand = mark(row, answer), row["by_hand"] if "by_hand" in row else real_answers.BY_HAND[row["group"]]
         if answer is not None:
             marks.append(how)
-            if row["outcome"] == "answered":
+            if row["outcome"] == "answered" and hand:
                 ratios.append(row["after"] / hand)
         esr = [f"{row[k]:.4f}" if k in row else "" for k in ("before", "after")]
         lines.append("| " + " | ".join([
             row["group"], row["baseline"], how, row.get("verdict", ""), ", ".join(row.get("named", [])),
             "; ".join("/".join(r) for r in row.get("rivals", [])), " + ".join(answer.expected) if answer else "",
-            *esr, f"{hand:.4f}" if answer else "", f"{row['seconds']:.0f}"]) + " |")
+            *esr, f"{hand:.4f}" if answer and hand else "", f"{row['seconds']:.0f}"]) + " |")
     count = len(marks)
     if count:
         shares = ", ".join(f"{m} {marks.count(m)} ({marks.count(m) / count:.0%})" for m in dict.fromkeys(marks))
@@ -145,6 +162,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
     parser.add_argument("--table", action="store_true", help="print the table of the rows computed")
     parser.add_argument("--siblings", action="store_true", help="other records of the same specimens")
+    parser.add_argument("--draw", type=int, metavar="SEED", help="parts of the same specimens drawn anew")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     if not options.table:

@@ -152,9 +152,49 @@ def siblings() -> tuple[Group, ...]:
     )
 
 
+def drawn(seed: int) -> tuple[Group, ...]:
+    """The same specimens with parts drawn anew: unlike `GROUPS` and `siblings`, no engine was set on them.
+
+    Of a single record a window of a quarter to three fifths is fitted, and the longest part of what lies on one side of
+    it is held out, three tenths of the record at most. Of a specimen with many files some are drawn for either.
+    """
+    rng = np.random.default_rng(seed)
+    return tuple(replace(whole, name=f"{whole.name}@{seed}", of=whole.name, training=training, held_out=held_out)
+                 for whole in GROUPS for training, held_out in [_draw(whole, rng)])
+
+
+def _draw(whole: Group, rng: np.random.Generator) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Parts to fit and parts to hold out."""
+    parts = (*whole.training, *whole.held_out)
+    files = tuple(dict.fromkeys(p.file for p in parts))
+    if whole.name == "sines":
+        motions = rng.permutation(["10mm1Hz", "25mm0p25Hz", "5mm3Hz", "25mm0p5Hz", "2mm5Hz", "25mm0p1Hz"])
+        count = int(rng.integers(2, 4))
+        return _sines(*motions[:count]), _sines(*motions[count:count + 2])
+    if whole.name.startswith("labcontrol"):
+        mixed = [Part(str(f)) for f in rng.permutation(files)]
+        count = max(2, round(len(files) * rng.uniform(0.4, 0.7)))
+        return tuple(mixed[:count]), tuple(mixed[count:])
+    if len(files) == 2:
+        first, second = (str(f) for f in rng.permutation(files))
+        return (_window(first, rng),), (_window(second, rng),)
+    share = rng.uniform(0.25, 0.6)
+    start = rng.uniform(0.0, 1.0 - share)
+    before, after = start, 1.0 - start - share
+    rest = (max(0.0, start - 0.3), start) if before > after else (start + share, min(1.0, start + share + 0.3))
+    return (Part(files[0], start, start + share),), (Part(files[0], *rest),)
+
+
+def _window(file: str, rng: np.random.Generator) -> Part:
+    share = rng.uniform(0.3, 0.8)
+    start = rng.uniform(0.0, 1.0 - share)
+    return Part(file, start, start + share)
+
+
 def group(name: str) -> Group:
-    """The group of a name, siblings by ``NAME:TURN``."""
-    return next(g for g in (siblings() if ":" in name else GROUPS) if g.name == name)
+    """The group of a name, siblings by ``NAME:TURN``, drawn ones by ``NAME@SEED``."""
+    many = drawn(int(name.partition("@")[2])) if "@" in name else siblings() if ":" in name else GROUPS
+    return next(g for g in many if g.name == name)
 
 
 def read(folder: Path, part: Part) -> dict[str, np.ndarray]:
