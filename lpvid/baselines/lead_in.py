@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import weighed_alike
 from lpvid.rounding import HALF_DIGITS
 
 
@@ -20,9 +21,11 @@ def led_in(s: Signals) -> tuple[Signals, int]:
         x(−t) = x̄ + (x_0 − x̄) cos ωt − v_0/ω sin ωt,  v(−t) = v_0 cos ωt + (x_0 − x̄) ω sin ωt.
 
     It is exact for a record of one sine. Where the first quarter of a period is nearer to rest than to that motion, it
-    is preceded by rest. Other channels have their first value. No measured output is used. Transients of filters end
-    before the record begins, too. The mean and ω are of the whole record, so that the run along its first part alone
-    may begin otherwise. A slow state, such as heat, gains one period.
+    is preceded by rest, and by a quarter of a period from rest to v_0, harmonic about x_0: a jump of the velocity would
+    be an infinite force of a mass. The band of a motion is that of the record. Other channels have their first value.
+    No measured output is used. Transients of filters end before the record begins, too. The mean and ω are of the whole
+    record, so that the run along its first part alone may begin otherwise. A slow state, such as heat, gains one
+    period.
 
     Parameters
     ----------
@@ -60,12 +63,14 @@ def led_in(s: Signals) -> tuple[Signals, int]:
     speeds = v[0] * np.cos(phase) - offset * omega * np.sin(phase)
     after = v[:phase.size - count]
     if np.sum((after - speeds[count:]) ** 2) > np.sum(after**2):
-        moved, speeds = np.full(phase.size, offset), np.zeros(phase.size)
+        quarter = np.maximum(phase, -np.pi / 2)
+        moved, speeds = offset + v[0] / omega * np.sin(quarter), v[0] * np.cos(quarter) * (phase > quarter[0])
     before = {"displacement": x[0] - offset + moved[:count], "velocity": speeds[:count],
               "acceleration": np.gradient(speeds, s.sample_time)[:count]}
 
     def led(values: np.ndarray, role: str = "") -> np.ndarray:
         return np.concatenate([before.get(role, np.full(count, values[0])), values])
 
-    return replace(s, channels={r: led(c, r) for r, c in s.channels.items()}, output=led(s.output), cache={}, facts={},
-                   record=None, at=None, coarse=None, peers=(), repeats=None), count
+    found = replace(s, channels={r: led(c, r) for r, c in s.channels.items()}, output=led(s.output), cache={}, facts={},
+                    record=None, at=None, coarse=None, peers=(), repeats=None)
+    return weighed_alike(found, s), count

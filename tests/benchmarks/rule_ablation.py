@@ -49,12 +49,16 @@ ALL = "all rules"
 
 RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     # what is named
-    "2 % of the output": ((members, "least_change", "min(NAMED_CHANGE, NAMED_SHARE_OF_ERROR * relative_error)", "0.0"),),
+    "2 % of the output": ((members, "least_change",
+                           "min(NAMED_CHANGE, NAMED_SHARE_OF_ERROR * relative_error)", "0.0"),),
     "or a tenth of the error left": ((members, "least_change",
                                       "min(NAMED_CHANGE, NAMED_SHARE_OF_ERROR * relative_error)",
                                       "NAMED_CHANGE"),),
     ".5 % at least": ((members, "least_change", "LEAST_NAMED_CHANGE, ", ""),),
     "no less than the law's error": ((members, "least_change", ", law_error)", ")"),),
+    "the law's error on other folds": ((members.SelectedSet, "law_error", "* self.relative_error",
+                                        "* self.relative_error * float(np.linalg.norm(self.fit.errors)"
+                                        " / np.linalg.norm(self.after))"),),
     "zero outside its interval": ((members.SelectedSet, "_unresolved",
                                       "not abs(fit.vector[at] - e.parameters[0].neutral) < error", "True"),),
     "not beside a larger form unresolved": ((members.SelectedSet, "reason_not_named", "or form is None", "or True"),),

@@ -7,6 +7,7 @@ import pytest
 
 from lpvid.baselines.lead_in import led_in
 from lpvid.baselines.signals import Signals
+from lpvid.baselines.spectra import derivative
 
 PERIOD = 0.002
 
@@ -40,6 +41,19 @@ def test_a_record_that_begins_at_rest_is_preceded_by_rest_where_it_is() -> None:
         np.testing.assert_array_equal(led[role][:count], 0.0)
     np.testing.assert_array_equal(led["current"], 2.0)
     np.testing.assert_array_equal(led["displacement"][count:], x)
+
+
+def test_a_record_that_slows_down_to_rest_is_preceded_by_no_jump_of_its_velocity() -> None:
+    """A moving mass had ten times the force of the whole record at the first sample."""
+    time = PERIOD * np.arange(2000)
+    v = 0.05 * np.exp(-time / 0.05) + 0.1 * np.sin(2 * np.pi * time) * (time > 2)
+    given = signals(displacement=PERIOD * np.cumsum(v), velocity=v)
+    led, count = led_in(given)
+    assert led["velocity"][0] == 0.0 and np.ptp(led["displacement"][:count // 2]) < 1e-12
+    assert np.abs(np.diff(led["velocity"][:count + 1])).max() < np.abs(np.diff(v)).max()
+    after = derivative(led, "velocity")[count:]
+    np.testing.assert_allclose(after[20:], derivative(given, "velocity")[20:], atol=0.01 * np.abs(after).max())
+    assert np.abs(after[:20]).max() < 1.5 * np.abs(np.diff(v) / PERIOD).max()
 
 
 @pytest.mark.parametrize("channels", [{"road": np.sin(np.arange(100.0))}, {"velocity": np.zeros(100)},
