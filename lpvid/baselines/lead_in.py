@@ -64,7 +64,7 @@ def led_in(s: Signals) -> tuple[Signals, int]:
     after = v[:phase.size - count]
     if np.sum((after - speeds[count:]) ** 2) > np.sum(after**2):
         quarter = np.maximum(phase, -np.pi / 2)
-        moved, speeds = offset + v[0] / omega * np.sin(quarter), v[0] * np.cos(quarter) * (phase > quarter[0])
+        moved, speeds = offset + v[0] / omega * np.sin(quarter), v[0] * np.cos(quarter) * (phase > -np.pi / 2)
     before = {"displacement": x[0] - offset + moved[:count], "velocity": speeds[:count],
               "acceleration": np.gradient(speeds, s.sample_time)[:count]}
 

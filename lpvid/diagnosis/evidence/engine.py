@@ -87,9 +87,9 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
             search.run(root_of(search.problem, baseline))
             if weighed := search.reweighed():
                 report_progress("searching with the errors weighed by the noise that the repeats show")
-                search = weighed
-                search.run(refit(search.problem, Composition(baseline), search.root.fit.vector, rough=True))
-                (search := search.reweighed() or search).settle()  # beside the misfit of another set
+                weighed.run(refit(weighed.problem, Composition(baseline), weighed.root.fit.vector, rough=True))
+                (weighed := weighed.reweighed() or weighed).settle()  # beside the misfit of another set
+                search = weighed if weighed.is_mostly_noise(search.effective.floor) else search
             found = concluded(search, records, baseline, held_out, unusable, settings.seed, report_progress)
         except KeyboardInterrupt as stop:
             if not search.visited:

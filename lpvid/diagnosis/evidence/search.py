@@ -116,7 +116,7 @@ class SetSearch(VisitedSets):
         """A search that has visited the same sets, its errors weighed by the noise that repeats show.
 
         The misfit beside the noise is that of the best set. Errors are weighed where slow noise is the larger part of
-        what counts as misfit otherwise, and where errors do not count as noise already.
+        it (`is_mostly_noise`), and where errors do not count as noise already.
 
         Returns
         -------
@@ -128,8 +128,7 @@ class SetSearch(VisitedSets):
             return None
         weighed = self.with_weights(problem, best.fit, self.recorded)
         self.noise = weighed.whitening
-        if self.noise is None or (problem.whitening is None and (
-                self.kappa > 0.5 or 2 * (self.noise.variance - floor) < best.mean_square - floor)):
+        if self.noise is None or (problem.whitening is None and (self.kappa > 0.5 or not self.is_mostly_noise(floor))):
             return None
         data = replace(self.data, problem=weighed, discrepancy=Discrepancy.of(weighed, best.fit.composition.baseline))
         found = replace(self, data=data, visited={}, refitted_larger=set(), enlarged=set(), exchanged=set(), kappas=(),
@@ -146,6 +145,22 @@ class SetSearch(VisitedSets):
         found.visited |= {w.members: w for w in sets if np.isfinite(w.fit.cost)}
         found.update_kappa()
         return found
+
+    def is_mostly_noise(self, floor: float) -> bool:
+        """Whether slow noise, known by repeats, is the larger part of what counts as misfit beside the best set.
+
+        A misfit that is mostly slow has no weight in a weighed search: its best set may leave far more of it.
+
+        Parameters
+        ----------
+        floor : float
+            Variance of white noise, in the output's unit squared.
+
+        Returns
+        -------
+        bool
+        """
+        return self.noise is not None and 2 * (self.noise.variance - floor) >= self.best.mean_square - floor
 
     def with_weights(self, problem: DiagnosisProblem, fit: Refit, signals: tuple[Signals, ...]) -> DiagnosisProblem:
         """A problem with its errors weighed by the noise that repeats show beside a fit, and by the misfit of that.

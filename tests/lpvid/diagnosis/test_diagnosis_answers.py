@@ -20,6 +20,7 @@ from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, EvidenceData
 from lpvid.diagnosis.evidence.relations import related
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY
+from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.visited import posterior
 from lpvid.diagnosis.refitting import refit
@@ -340,6 +341,28 @@ def test_errors_are_weighed_where_slow_noise_is_most_of_the_error(noise, hidden,
     if again is not None:
         assert again.kappa > 4 * search.kappa and set(again.visited) == set(search.visited)
         assert again.reweighed() is None or again.best.members != search.best.members
+
+
+def test_without_weights_where_the_weighed_search_leaves_more_misfit_than_noise(monkeypatch):
+    """A slow misfit has no weight: on a measured record a weighed search had left 2.4 times the error."""
+    rng = np.random.default_rng(4)
+    u = drive(3000, rng)
+    runs = [record(rng, "ar1", 0.3, u=u, hidden=lambda x: 0.1 * np.sin(9 * x)) for _ in range(2)]
+    assert diagnose(runs, Bent(), CAUSES).noise["weighed"]
+    mostly_noise = SetSearch.is_mostly_noise
+
+    def beside_more_misfit(search, floor):
+        if search.problem.whitening is None:
+            return mostly_noise(search, floor)
+        alone = search.visited[frozenset()]
+        worse = SetSearch(replace(alone.data, candidates=()), (), search.channels, search.report_progress,
+                          {frozenset(): EvaluatedSet(alone.data, replace(alone.fit, errors=3 * alone.fit.errors))},
+                          noise=search.noise)
+        assert mostly_noise(search, floor) and not mostly_noise(worse, floor)
+        return False
+
+    monkeypatch.setattr(SetSearch, "is_mostly_noise", beside_more_misfit)
+    assert not diagnose(runs, Bent(), CAUSES).noise["weighed"]
 
 
 def test_a_size_in_slow_noise_has_the_interval_of_the_weights():
