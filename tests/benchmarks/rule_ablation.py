@@ -64,6 +64,8 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     "not beside a larger form unresolved": ((members.SelectedSet, "reason_not_named", "or form is None", "or True"),),
     "every member lowers the error out of fold": (
         (selection, "_ablated", "if not _lowers_error(search.problem, ablation, after)}", "if False}"),),
+    "by more than a standard error": ((selection, "_ablated", "_lowers_error(search.problem, ablation, after)",
+                                       "_gains(search.problem, ablation, after).sum() > 0"),),
     "changes with the small ones left out": ((selection, "_assessed", "if len(little) < 2:", "if True:"),),
     "calibrated probability": ((weighed_sets, "confirmed_sets", "", ""),),  # see `_patched`
     # rivals
