@@ -16,11 +16,8 @@ from lpvid.effects.effect import Effect
 from lpvid.rounding import TINY
 from lpvid.validation.trust import LEVEL, QUANTILE
 
-NAMED_CHANGE, NAMED_SHARE_OF_ERROR = 0.02, 0.1
-"""change of the output, as a share of its rms, from which a cause is named; and as a share of the error left, where
-that is less (tests/benchmarks/real_causes.py)"""
-LEAST_NAMED_CHANGE = 0.005
-"""change of the output, as a share of its rms, below which no cause is named"""
+NAMED_CHANGE = 0.005
+"""change of the output, as a share of its rms, from which a cause is named"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +43,7 @@ class SetMember:
     better : float
         Share of the blocks in which the error out of fold is lower with it.
     change : float
-        Of the output when it is removed and the others are refitted, as a share of the output's rms. Of several that
-        change too little to be named the others are removed first: of two with the same effect, neither alone would
-        change enough.
+        Of the output when it is removed and the others are refitted, as a share of the output's rms.
     evidence : float or None
         Log-evidence with it less that without it; None where the set without it has none (a strength at its bound).
     """
@@ -142,8 +137,8 @@ class SelectedSet:
                "several components: it may be a part of one of these"
 
     def _reason(self, m: SetMember) -> str | None:
-        if m.change < (least := least_change(self.relative_error, self.law_error)):
-            return f"it changes the output by {m.change:.2%}, less than {least:.2%}: too little to be named"
+        if m.change < NAMED_CHANGE:
+            return f"it changes the output by {m.change:.2%}, less than {NAMED_CHANGE:.2%}: too little to be named"
         if m.probability < NAMED_PROBABILITY and not m.rivals:
             return f"probability {m.probability:.2f} only, and no alternative is probable enough"
         return None if m.rivals else self._unresolved(m)
@@ -231,35 +226,15 @@ def keeps_names(other: SelectedSet, found: SelectedSet) -> bool:
     return not too_little(other) and all(2 * here.get(n, 0.0) >= reduction for n, reduction in wanted.items())
 
 
-def too_little(selected: SelectedSet, law_error: float = 0.0) -> list[SetMember]:
+def too_little(selected: SelectedSet) -> list[SetMember]:
     """Members that change too little to be named.
 
     Parameters
     ----------
     selected : SelectedSet
-    law_error : float
-        Error of the law itself, over the output; 0 to leave it aside.
 
     Returns
     -------
     list of SetMember
     """
-    return [m for m in selected.members if m.change < least_change(selected.relative_error, law_error)]
-
-
-def least_change(relative_error: float, law_error: float) -> float:
-    """Change of the output, over its rms, below which a cause is not named.
-
-    Parameters
-    ----------
-    relative_error : float
-        Error left, over the output: root mean squares.
-    law_error : float
-        The part of it that the inputs predict: the error of the law itself. A cause that changes less may be a part of
-        it.
-
-    Returns
-    -------
-    float
-    """
-    return max(min(NAMED_CHANGE, NAMED_SHARE_OF_ERROR * relative_error), LEAST_NAMED_CHANGE, law_error)
+    return [m for m in selected.members if m.change < NAMED_CHANGE]

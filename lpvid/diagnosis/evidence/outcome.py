@@ -68,9 +68,8 @@ class EvidenceOutcome:
 
     @property
     def significant(self) -> bool:
-        """Whether the error of the baseline is structured: by the sign-flip test, or by the blocks with a gain."""
-        return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT or \
-            float(np.mean(self.selected.gains > 0)) > 0.9
+        """Whether the error of the baseline is structured, by the sign-flip test."""
+        return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT
 
     @property
     def needless(self) -> bool:
@@ -81,7 +80,7 @@ class EvidenceOutcome:
         selected = self.selected
         noise = 0.0 if self.search.noise is None else self.search.noise.variance
         error = self.search.relative_rms(selected.before) ** 2 - noise / self.search.data.discrepancy.output_rms**2
-        return error <= ACCEPTABLE_MISFIT**2 and len(too_little(selected, selected.law_error)) == len(selected.members)
+        return error <= ACCEPTABLE_MISFIT**2 and len(too_little(selected)) == len(selected.members)
 
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:

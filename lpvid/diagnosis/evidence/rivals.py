@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 
 import numpy as np
 
@@ -103,8 +103,8 @@ def match_form(effect: Effect) -> Matcher:
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
 
 
-def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effect: Effect, values: np.ndarray,
-                  present: Collection[str]) -> tuple[tuple[str, float], ...]:
+def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effect: Effect, values: np.ndarray
+                  ) -> tuple[tuple[str, float], ...]:
     """Effects listed with a member of a set, or in its place, with their probabilities.
 
     Parameters
@@ -118,8 +118,6 @@ def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effe
         Of its members.
     values : (k,) array
         Its parameters.
-    present : collection of str
-        Components beside it in the set to report that are sure: where it is not, they are no alternatives to it.
 
     Returns
     -------
@@ -127,7 +125,7 @@ def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effe
     """
     name, match, support = name_in(search, sets, best, effect)
     if support.probability < NAMED_PROBABILITY:
-        return _alternatives(sets, best, effect, match, present)
+        return _alternatives(sets, best, effect, match)
     found = _equally_likely(search, sets, best, effect)
     if name == effect.name:
         found += _described_components(search, sets, best, effect, values, {n for n, _ in found})
@@ -144,62 +142,31 @@ def _equally_likely(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, ef
     left out here. For lags the part of either error due to the sensors' noise is subtracted: to undo a filter raises
     the noise of the motion, to undo a delay does not.
 
-    A single effect must be related. Two partners, or one effect beside the filter of all channels, may be of any
-    family: a play and a spring have the effect of a dead zone of the force, and the filter rounds the kinks of a play
-    as a spring would. Because of the additional parameters they must reach a lower error, with the filter lower than
-    the best set beside the same filter. An effect that achieves less than half of the reduction, in the logarithm of
-    the error, is no rival; nor is a pair of which one effect alone is a rival. Nor is what contains the effect
-    (`Effect.contains`), or a flexible form that describes it too (`Effect.stands_for`): it leaves no more error
-    whatever the truth, so that its error decides nothing. The evidence compares the two by their parameters' volume.
+    It must be related. What contains the effect (`Effect.contains`), or a flexible form that describes it too
+    (`Effect.stands_for`), is no rival: it leaves no more error whatever the truth, so that its error decides nothing.
+    The evidence compares the two by their parameters' volume.
     """
     found: dict[str, float] = {}
     samples, component = search.kappa * search.problem.n_samples, best.components[best.effects.index(effect)]
-    reduced = search.visited.get(best.members - {effect.name})
-    for others, w in _replacements(sets, best, component):
-        names = {e.name for e, _ in others}
-        larger = len(w.members) > len(best.members)
-        if (not names.isdisjoint(found) if larger else not related(effect, others[0][0])) or \
-                any(e.flexible and k == e.name and not related(effect, e) for e, k in others) or \
-                any(_contains(w, e, {effect.name, component}) for e, _ in others):
+    for other, k, w in _replacements(sets, best, component):
+        if not related(effect, other) or _contains(w, other, {effect.name, component}):
             continue
-        lagging = any(e.path in LAGGING for e, _ in others)
-        cost = _cost_without_sensor_noise(best, w) if lagging else _cost
-        reference = _with_same_filter(search, best, w, cost) if larger else best
-        deficit = 0.5 * samples * np.log(cost(w) / cost(reference))
-        achieves = reduced is None or cost(w) ** 2 < cost(reduced) * cost(best)
-        if deficit < (0.0 if larger else -np.log(SIGNIFICANT)) and achieves:
-            found |= {e.name: Support.of(sets, match_component(k)).probability for e, k in others}
+        cost = _cost_without_sensor_noise(best, w) if other.path in LAGGING else _cost
+        if 0.5 * samples * np.log(cost(w) / cost(best)) < -np.log(SIGNIFICANT):
+            found[other.name] = Support.of(sets, match_component(k)).probability
     return tuple(found.items())
 
 
-def _replacements(sets: WeighedSets, best: EvaluatedSet, component: str
-                  ) -> list[tuple[list[tuple[Effect, str]], EvaluatedSet]]:
-    """Effects in the place of a component in other sets, with these sets: one effect, or two partners.
-
-    The sets of fewest members come first. A filter of all channels counts only where it is the only other effect.
-    """
+def _replacements(sets: WeighedSets, best: EvaluatedSet, component: str) -> list[tuple[Effect, str, EvaluatedSet]]:
+    """Effects in the place of a component in other sets, with their components and these sets."""
     found, rest = [], sorted(k for k in best.components if k != component)
     for w, _ in sets:
         others = [(e, k) for e, k in zip(w.effects, w.components, strict=True)
                   if k not in best.components and e.name not in best.members]
-        others = [(e, k) for e, k in others if e.path != "all"] or others
         common = sorted(k for k in w.components if k in best.components)
-        if component not in w.components and common == rest and not w.at_bounds and \
-                _acts_as_one([e for e, _ in others]):
-            found.append((others, w))
-    return sorted(found, key=lambda pair: len(pair[1].members))
-
-
-def _with_same_filter(search: SetSearch, best: EvaluatedSet, w: EvaluatedSet, cost: Callable[[EvaluatedSet], float]
-                      ) -> EvaluatedSet:
-    """The best set with the filter of all channels of another set; itself where the cost with it is no lower.
-
-    So that friction beside a filter is compared with a spring beside a filter, not alone.
-    """
-    places = w.fit.composition.places
-    filters = [(e, w.fit.vector[p]) for e, p in zip(w.effects, places, strict=True)
-               if e.path == "all" and e.name not in best.members]
-    return min([best, *(search.refitted_with(best, e, v) for e, v in filters)], key=cost)
+        if component not in w.components and common == rest and not w.at_bounds and len(others) == 1:
+            found.append((*others[0], w))
+    return found
 
 
 def _contains(w: EvaluatedSet, larger: Effect, names: Collection[str]) -> bool:
@@ -211,12 +178,6 @@ def _contains(w: EvaluatedSet, larger: Effect, names: Collection[str]) -> bool:
 
 def _cost(w: EvaluatedSet) -> float:
     return max(w.fit.cost, TINY)
-
-
-def _acts_as_one(effects: Sequence[Effect]) -> bool:
-    """Whether effects may replace a single one: one effect, or two partners."""
-    return len(effects) == 1 or (len(effects) == 2 and (effects[0].name in effects[1].partners
-                                                       or effects[1].name in effects[0].partners))
 
 
 def _described_components(search: SetSearch, sets: WeighedSets, best: EvaluatedSet,
@@ -250,13 +211,12 @@ def match_names(*names: str) -> Matcher:
     return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if {k, e.name} & {*names}), None)
 
 
-def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: Matcher, present: Collection[str]
+def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: Matcher
                   ) -> tuple[tuple[str, float], ...]:
     """Alternatives to an effect, with their probabilities; none where all together are not probable enough.
 
     In a set without the effect, its alternative is the member that the best set does not have and that contains it
-    (`Effect.contains`), else the one that changes the output most. What is present beside the effect is no alternative:
-    "a valve or friction" would say nothing where friction is named. The alternatives are listed if the effect or one of
+    (`Effect.contains`), else the one that changes the output most. The alternatives are listed if the effect or one of
     them is present with `NAMED_PROBABILITY`. Otherwise those of its family are, if the effect or one of these is: those
     with `SIGNIFICANT` of the weight of the sets without it.
     """
@@ -268,7 +228,7 @@ def _alternatives(sets: WeighedSets, best: EvaluatedSet, effect: Effect, match: 
         if match(w) is None:
             others = [(component in e.contains, c, k, e.name)
                       for e, k, c in zip(w.effects, w.components, w.changes, strict=True) if e.name not in best.members
-                      and (k == component or k not in {*best.components, *present} or component in e.contains)]
+                      and (k == component or k not in best.components or component in e.contains)]
             if others:
                 contains, _, k, name = max(others)
                 k = name if contains else k

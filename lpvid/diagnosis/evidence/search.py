@@ -131,7 +131,7 @@ class SetSearch(VisitedSets):
         if self.noise is None or (problem.whitening is None and (self.kappa > 0.5 or not self.is_mostly_noise(floor))):
             return None
         data = replace(self.data, problem=weighed, discrepancy=Discrepancy.of(weighed, best.fit.composition.baseline))
-        found = replace(self, data=data, visited={}, refitted_larger=set(), enlarged=set(), exchanged=set(), kappas=(),
+        found = replace(self, data=data, visited={}, enlarged=set(), exchanged=set(), kappas=(),
                         alpha=SEARCH_FACTOR * STRUCTURED_SAMPLES, weighed_for=best.members,
                         # costs of lags differ
                         baseline_screening=screenings.BaselineScreening(self.baseline_screening.changes))

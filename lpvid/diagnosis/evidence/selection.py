@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from lpvid.baselines.budgets import LONG
-from lpvid.diagnosis.evidence.calibration import Support, match_component, match_family
+from lpvid.diagnosis.evidence.calibration import Support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members, WeighedSets
-from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, keeps_names, named_alike, named_once, too_little
-from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, name_in, rivals_beside
+from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, keeps_names, named_alike, named_once
+from lpvid.diagnosis.evidence.rivals import SIGNIFICANT, name_in, rivals_beside
 from lpvid.diagnosis.evidence.search import SetSearch
-from lpvid.diagnosis.evidence.weighed_sets import component_weights, confirmed_sets, forms_sure, reported_set
+from lpvid.diagnosis.evidence.weighed_sets import confirmed_sets, reported_set
 from lpvid.diagnosis.folds import errors_on_other_fold, join_folds, out_of_fold
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
@@ -78,7 +78,7 @@ def _ablated(search: SetSearch, fits: dict[Members, Refit], w: EvaluatedSet) -> 
     _cross_validate(search, fits, fit, (fit.composition, *without, search.root.fit.composition))
     after, ablations = folds_of(search.problem, fit), [fits[c.members] for c in without]
     return ablations, {e.name for e, ablation in zip(w.effects, ablations, strict=True)
-                       if not _lowers_error(search.problem, ablation, after)}
+                       if _gains(search.problem, ablation, after).sum() <= 0}
 
 
 def _assessed(search: SetSearch, fits: dict[Members, Refit], sets: WeighedSets, w: EvaluatedSet,
@@ -91,27 +91,8 @@ def _assessed(search: SetSearch, fits: dict[Members, Refit], sets: WeighedSets, 
     members = named_once(members, sets)
     relative_error = search.relative_rms(problem.unweighed(after))
     share = predicted_share(problem, problem.errors(fit.composition, fit.vector), search.channels)
-    selected = SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
-                           relative_error, share, tuple(t for t in dropped.items() if t[0] not in w.members), sets)
-    little = too_little(selected, selected.law_error)
-    if len(little) < 2:
-        return selected
-    alone = _changes_alone(search, fits, fit, [m.effect for m in little])
-    members = [replace(m, change=max(m.change, alone.get(m.effect.name, 0.0))) for m in members]
-    return replace(selected, members=tuple(sorted(members, key=lambda m: -m.change)))
-
-
-def _changes_alone(search: SetSearch, fits: dict[Members, Refit], fit: Refit, effects: Sequence[Effect]
-                   ) -> dict[str, float]:
-    """Change of the output by each of some members with the others of them removed, as a share of the output's rms."""
-    others = tuple(e for e in fit.composition.effects if e not in effects)
-    wanted = [Composition(fit.composition.baseline, others),
-              *(Composition(fit.composition.baseline, tuple(e for e in fit.composition.effects if e in (*others, one)))
-                for one in effects)]
-    _cross_validate(search, fits, fit, wanted)
-    without, *ones = (fits[c.members].errors for c in wanted)
-    return {e.name: search.relative_rms(search.problem.unweighed(without - one))
-            for e, one in zip(effects, ones, strict=True)}
+    return SelectedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
+                       relative_error, share, tuple(t for t in dropped.items() if t[0] not in w.members), sets)
 
 
 def _better_predicting(search: SetSearch, fits: dict[Members, Refit],
@@ -121,14 +102,13 @@ def _better_predicting(search: SetSearch, fits: dict[Members, Refit],
     Evidence counts a structured error as few samples, so that two sets may share the weight where one leaves half of
     the other's error. Of the most probable sets that hold all but `SIGNIFICANT` of the weight these have an error out
     of fold that is lower than that of the most probable set `best` by more than one standard error of the blocks'
-    gains. A set whose error on the samples of its fit is above that cannot be one, and is not refitted; nor is one with
-    a special form that is not sure.
+    gains. A set whose error on the samples of its fit is above that cannot be one, and is not refitted.
     """
     problem, near = search.problem, fits[best.members]
     least = _out_of_fold_cost(problem, near)
-    before, weights = np.cumsum([0.0, *(p for _, p in sets[:-1])]), component_weights(sets)
+    before = np.cumsum([0.0, *(p for _, p in sets[:-1])])
     others = [w for (w, _), held in zip(sets, before, strict=True)
-              if held < 1.0 - SIGNIFICANT and w.fit.cost < least and w is not best and forms_sure(w, sets, weights)]
+              if held < 1.0 - SIGNIFICANT and w.fit.cost < least and w is not best]
     _cross_validate(search, fits, near, [w.fit.composition for w in others])
     better = [w for w in others if _lowers_error(problem, near, folds_of(problem, fits[w.members]))]
     return sorted(better, key=lambda w: _out_of_fold_cost(problem, fits[w.members]))
@@ -251,28 +231,16 @@ def _lowers_error(problem: DiagnosisProblem, before: Refit, after: np.ndarray) -
     return bool(gains.sum() > np.sqrt(gains @ gains))
 
 
-def _most_probable_with(effect: Effect, sets: WeighedSets, w: EvaluatedSet) -> EvaluatedSet:
-    """The most probable set that holds an effect; `w` where no set of them does."""
-    return next((v for v, _ in sets if effect in v.effects), w)
-
-
 def _member(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, fit: Refit, after: np.ndarray, effect: Effect,
             ablation: Refit) -> SetMember:
-    """An effect of a set `w` as a member; its rivals are those in the most probable set that holds it.
-
-    The neighbours of that set were visited, and whether a name is sure must not depend on which of several nearly as
-    probable sets predicts best. Nor on which components are more probable than not: friction and one of four springs
-    leave a third of what friction alone leaves, and what replaces friction there need not do so beside a spring.
-    """
+    """An effect of a set as a member."""
     problem = fit.problem
     better = float(np.mean(_gains(problem, ablation, after) > 0))
     before, left = (float(np.sum(problem.unweighed(e) ** 2)) for e in (folds_of(problem, ablation), after))
     name, _, support = name_in(search, sets, w, effect)
     family = Support.of(sets, match_family(effect.family))
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    present = {k for e, k in zip(w.effects, w.components, strict=True)
-               if e is not effect and Support.of(sets, match_component(k)).probability >= NAMED_PROBABILITY}
-    rivals = rivals_beside(search, sets, _most_probable_with(effect, sets, w), effect, values, present)
+    rivals = rivals_beside(search, sets, w, effect, values)
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, family.probability, support.weight, rivals,

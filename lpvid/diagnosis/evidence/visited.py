@@ -44,8 +44,6 @@ class VisitedSets:
         Receives a line of text at every stage.
     visited : dict of frozenset of str to EvaluatedSet
         By the names of their effects.
-    refitted_larger : set of frozenset of str
-        Those that `refitted_with` has refitted.
     effective : EffectiveSamples
         Of the best set's error.
     alpha : float
@@ -59,7 +57,6 @@ class VisitedSets:
     channels: Sequence[str]
     report_progress: Callable[[str], None]
     visited: dict[Members, EvaluatedSet] = field(default_factory=dict)
-    refitted_larger: set[Members] = field(default_factory=set)
     effective: EffectiveSamples = field(default_factory=lambda: EffectiveSamples(1.0, 0.0, 0.0))
     alpha: float = SEARCH_FACTOR * STRUCTURED_SAMPLES
     kappas: tuple[float, ...] = ()
@@ -289,31 +286,6 @@ class VisitedSets:
         if len(present) < len(w.effects) and self.has_lower_cost(frozenset(e.name for e in present), w.fit.cost):
             composition = Composition(w.fit.composition.baseline, present)
             self.add(self.evaluated(self.best_refit(composition, [start_vector(composition, w.fit, {})], w.fit)))
-
-    def refitted_with(self, w: EvaluatedSet, e: Effect, values: np.ndarray) -> EvaluatedSet:
-        """A set with one effect more: as visited where that has a lower cost than the set, else refitted once.
-
-        Parameters
-        ----------
-        w : EvaluatedSet
-        e : Effect
-            Not in it.
-        values : (k,) array
-            Its parameters at the start of the refit.
-
-        Returns
-        -------
-        EvaluatedSet
-            Kept among those visited; the set itself where the refit diverges.
-        """
-        more = w.members | {e.name}
-        known = self.visited.get(more)
-        if known is None or (known.fit.cost > w.fit.cost and more not in self.refitted_larger):
-            self.refitted_larger.add(more)
-            composition = Composition(w.fit.composition.baseline, (*w.effects, e))
-            start = start_vector(composition, w.fit, {e.name: values})
-            self.add(self.evaluated(self.best_refit(composition, [start], w.fit)))
-        return self.visited.get(more, w)
 
 
 def posterior(sets: VisitedSets) -> WeighedSets:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members, WeighedSets
-from lpvid.diagnosis.evidence.rivals import match_form
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.visited import posterior
-from lpvid.validation.trust import LEVEL
 
 
 def confirmed_sets(search: SetSearch, rejected_sets: Collection[Members], smaller: Mapping[Members, Members]
@@ -54,13 +52,12 @@ def _parts(w: EvaluatedSet, members: Members) -> set[str]:
 
 
 def reported_set(sets: WeighedSets) -> EvaluatedSet:
-    """The set to report: of the most probable components, in the forms that are sure.
+    """The set to report: of the most probable components, in their most probable forms.
 
     The weights of sets with the same components in different forms are added. The components are those that are more
     probable than not, if a visited set holds exactly these: the median probability model, which predicts best among
     single sets (Barbieri and Berger 2004). Otherwise, or where no component is so probable, they are those of the most
-    probable set that holds all of these: else the baseline alone could come before rivals that share a weight. Of the
-    sets of these components it is the most probable one whose special forms are all sure, else the most probable one.
+    probable set that holds all of these: else the baseline alone could come before rivals that share a weight.
 
     Parameters
     ----------
@@ -76,8 +73,7 @@ def reported_set(sets: WeighedSets) -> EvaluatedSet:
                        if sum(p for k, p in weights.items() if c in k) > 0.5)
     larger = [k for k in weights if median <= k] or list(weights)
     components = median if median and median in weights else max(larger, key=lambda k: weights[k])
-    forms = [w for w, _ in sets if frozenset(w.components) == components]
-    return next((w for w in forms if forms_sure(w, sets, weights)), forms[0])
+    return next(w for w, _ in sets if frozenset(w.components) == components)
 
 
 def component_weights(sets: WeighedSets) -> dict[Members, float]:
@@ -95,22 +91,3 @@ def component_weights(sets: WeighedSets) -> dict[Members, float]:
     for w, p in sets:
         weights[frozenset(w.components)] = weights.get(frozenset(w.components), 0.0) + p
     return weights
-
-
-def forms_sure(w: EvaluatedSet, sets: WeighedSets, weights: Mapping[Members, float]) -> bool:
-    """Whether the special forms in a set have all but `SIGNIFICANT` of the weight of its components.
-
-    Parameters
-    ----------
-    w : EvaluatedSet
-    sets : sequence of (EvaluatedSet, float)
-    weights : mapping of frozenset of str to float
-        As `component_weights` gives them.
-
-    Returns
-    -------
-    bool
-    """
-    return all(e.component == k or
-               sum(p for v, p in sets if match_form(e)(v) is not None) >= LEVEL * weights[frozenset(w.components)]
-               for e, k in zip(w.effects, w.components, strict=True))
