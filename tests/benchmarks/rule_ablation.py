@@ -59,7 +59,8 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     "calibrated probability": ((weighed_sets, "confirmed_sets", "", ""),),  # see `without`
     # rivals
     "rivals by the error alone": ((rivals, "rivals_beside", "_equally_likely(search, sets, best, effect)", "()"),),
-    "sensors' noise in lags": ((rivals, "_equally_likely", "if other.path in LAGGING else _cost", "if False else _cost"),),
+    "sensors' noise in lags": ((rivals, "_equally_likely", "if other.path in LAGGING else _cost",
+                                "if False else _cost"),),
     "what contains it is no rival": ((rivals, "_equally_likely", "_contains(w, other, {effect.name, component})",
                                       "False"),),
     "rivals are related": ((rivals, "_equally_likely", "not related(effect, other)", "False"),),
@@ -245,8 +246,8 @@ def run(options: argparse.Namespace) -> None:
     wanted: list[tuple[str, Callable[[], Row]]] = []
     if options.measured is not None:
         named = real_causes.cases(options.siblings, options.draw)
-        wanted = [(f"measured-{g}/{b}", lambda g=g, b=b: measured_case(options.measured, g, b, options.without)) for g, b in named
-                  if g.partition("@")[0].partition(":")[0] != "car"
+        wanted = [(f"measured-{g}/{b}", lambda g=g, b=b: measured_case(options.measured, g, b, options.without))
+                  for g, b in named if g.partition("@")[0].partition(":")[0] != "car"
                   and real_answers.answer(real_records.group(g).of or g, b)]
     makers = (("foreign", foreign_case, options.foreign), ("own", own_case, options.own),
               ("removed", lambda *a: foreign_case(*a, True), options.removed))

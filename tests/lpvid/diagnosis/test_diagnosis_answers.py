@@ -182,34 +182,6 @@ def test_related_components_are_separated_where_they_differ_by_more_than_the_err
     assert [c.name for c in d.causes] == named and [r.names for r in d.rivals] == rivals
 
 
-class Half(Added):
-    partners = ("late-half",)
-
-
-class EarlyHalf(Half):
-    name, title = "early-half", "half of a sign of the input"
-    shape = staticmethod(lambda s: (s["u"] > 0).astype(float))
-
-
-class LateHalf(Half):
-    name, title = "late-half", "the other half"
-    shape = staticmethod(lambda s: -(s["u"] < 0).astype(float))
-
-
-class LooseHalf(LateHalf):
-    name, title = "loose-half", "the other half, that nothing links"
-
-
-@pytest.mark.parametrize(("other", "named", "rivals"), [
-    (LateHalf(), [], {"dry", "early-half", "late-half"}), (LooseHalf(), ["dry"], set())])
-def test_two_that_physics_links_are_listed_where_they_do_the_work_of_one(other, named, rivals):
-    """They cost the price of two, which is no evidence against them."""
-    d = diagnose([record(np.random.default_rng(3), level=0.05, hidden=lambda u: 1.5 * np.sign(u))], Bent(),
-                 (Dry(), EarlyHalf(), other))
-    assert [c.name for c in d.causes] == named
-    assert {n for r in d.rivals for n in r.names} == rivals
-
-
 def test_next_of_kin_are_other_components_of_a_family_or_lags_of_motion_and_force():
     by_name = {e.name: e for e in CATALOGUE}
     pairs = (("thermal-fade", "viscous-fade", True), ("displacement-delay", "one-sided-filter", True),

@@ -47,18 +47,6 @@ def test_weights_are_averaged_over_the_samples_that_a_structured_error_counts_as
     assert given == pytest.approx(by_hand, abs=1e-12) and sum(given.values()) == pytest.approx(1.0)
 
 
-def test_a_set_with_one_effect_more_leaves_no_more_than_without_and_is_refitted_once(monkeypatch):
-    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
-    search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
-    search.run(root_of(search.problem, Bent()))
-    dry, cubic = search.visited[frozenset({"dry"})], next(e for e in search.candidates if e.name == "cubic")
-    search.visited.pop(frozenset({"dry", "cubic"}), None)
-    found = search.refitted_with(dry, cubic, np.array([0.01]))
-    assert found.members == {"dry", "cubic"} and found.fit.cost <= dry.fit.cost
-    monkeypatch.setattr(search, "best_refit", lambda *a, **k: pytest.fail("refitted again"))
-    assert search.refitted_with(dry, cubic, np.array([0.01])) is found
-
-
 def test_a_smaller_set_that_stopped_in_another_minimum_is_refitted_from_the_larger_one():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u) + 0.1 * u**3)
     search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
@@ -141,7 +129,7 @@ def test_beside_a_set_the_point_of_the_largest_predicted_gain_is_simulated_too()
     search.visited[frozenset()] = EvaluatedSet(search.data, root_of(search.problem, Bent()))
     search.baseline_screening = first = candidates.screen_beside_baseline(search)
     dry = next(e for e in search.candidates if e.name == "dry")
-    beside = search.refitted_with(search.root, dry, np.array([0.5]))
+    beside = search.evaluated(refit(search.problem, Composition(Bent(), (dry,)), np.r_[Bent().vector, 0.5]))
     found = candidates.screen_beside_sets(search, first, [beside])[0]
     assert {d.values[1] for d in found} == {5.0, 15.0, 25.0, 40.0, 60.0}
     assert max(found, key=lambda d: d.gain).values[1] == 15.0
@@ -161,6 +149,6 @@ def test_a_lag_is_simulated_beside_a_set_at_all_of_its_points():
     search.visited[frozenset()] = EvaluatedSet(search.data, root_of(search.problem, Bent()))
     search.baseline_screening = first = candidates.screen_beside_baseline(search)
     dry = next(e for e in search.candidates if e.name == "dry")
-    beside = search.refitted_with(search.root, dry, np.array([0.5]))
+    beside = search.evaluated(refit(search.problem, Composition(Bent(), (dry,)), np.r_[Bent().vector, 0.5]))
     found = candidates.screen_beside_sets(search, first, [beside])[0]
     assert [d.values[1] for d in found] == list(np.arange(5.0, 61.0, 5.0))
