@@ -87,6 +87,8 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
                                           "return False and error"),),
     "no strength at its bound": ((EvaluatedSet, "evidence", "-np.inf if self.at_bounds", "-np.inf if False"),),
     "averaged over α": ((visited, "posterior", "sets.kappas or (sets.kappa,)", "(sets.kappa,)"),),
+    "α over a factor of four": ((visited, "posterior", "sets.kappas or (sets.kappa,)",
+                                 "sets.kappas[1:4] or (sets.kappa,)"),),
     "prior of the error left": ((visited.VisitedSets, "evidence", "w.evidence(kappa) + misfit_prior(",
                                  "w.evidence(kappa) + 0 * misfit_prior("),),
 }
@@ -187,6 +189,7 @@ def plain(answer: Diagnosis) -> Row:
     """What is marked of a diagnosis."""
     return {"verdict": answer.verdict, "named": [c.name for c in answer.causes],
             "rivals": [list(r.names) for r in answer.rivals], "after": answer.after.esr_held_out,
+            "support": calibration.supports(answer),
             "parameters": {c.name: {p.name: p.value for p in c.parameters} for c in answer.causes}}
 
 
