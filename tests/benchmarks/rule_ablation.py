@@ -50,12 +50,13 @@ ALL = "all rules"
 RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     # what is named
     ".5 % of the output": ((members, "too_little", "m.change < NAMED_CHANGE", "m.change < 0"),
+                           (selection, "_ablated", "< NAMED_CHANGE", "< 0"),
                            (members.SelectedSet, "_reason", "m.change < NAMED_CHANGE", "m.change < 0")),
     "zero outside its interval": ((members.SelectedSet, "_unresolved",
                                    "not abs(fit.vector[at] - e.parameters[0].neutral) < error", "True"),),
     "not beside a larger form unresolved": ((members.SelectedSet, "reason_not_named", "or form is None", "or True"),),
     "every member lowers the error out of fold": (
-        (selection, "_ablated", "if _gains(search.problem, ablation, after).sum() <= 0}", "if False}"),),
+        (selection, "_ablated", "if _gains(search.problem, ablation, after).sum() <= 0 or", "if"),),
     "calibrated probability": ((weighed_sets, "confirmed_sets", "", ""),),  # see `without`
     # rivals
     "rivals by the error alone": ((rivals, "rivals_beside", "_equally_likely(search, sets, best, effect)", "()"),),
@@ -64,8 +65,8 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     "what contains it is no rival": ((rivals, "_equally_likely", "_contains(w, other, {effect.name, component})",
                                       "False"),),
     "rivals are related": ((rivals, "_equally_likely", "not related(effect, other)", "False"),),
-    "what a form describes": ((rivals, "rivals_beside", "if name == effect.name:", "if False:"),),
-    "alternatives": ((rivals, "rivals_beside", "return _alternatives(sets, best, effect, match)", "return ()"),),
+    "what a form describes": ((rivals, "rivals_beside", "if name == effect.name and", "if False and"),),
+    "alternatives": ((rivals, "rivals_beside", "else _alternatives(sets, best, effect, match)", "else ()"),),
     "alternatives of the family": ((rivals, "_alternatives", "[k for k in of_family", "[k for k in ()"),),
     "a simpler name unless the error contradicts": (
         (rivals, "name_in", "if simpler is not None and not certain:", "if False:"),),

@@ -124,10 +124,9 @@ def rivals_beside(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, effe
     tuple of (str, float)
     """
     name, match, support = name_in(search, sets, best, effect)
-    if support.probability < NAMED_PROBABILITY:
-        return _alternatives(sets, best, effect, match)
-    found = _equally_likely(search, sets, best, effect)
-    if name == effect.name:
+    sure = support.probability >= NAMED_PROBABILITY
+    found = _equally_likely(search, sets, best, effect) if sure else _alternatives(sets, best, effect, match)
+    if name == effect.name and (sure or found):
         found += _described_components(search, sets, best, effect, values, {n for n, _ in found})
     return found
 

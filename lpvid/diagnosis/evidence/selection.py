@@ -12,7 +12,7 @@ from lpvid.baselines.budgets import LONG
 from lpvid.diagnosis.evidence.calibration import Support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet, Members, WeighedSets
-from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, keeps_names, named_alike, named_once
+from lpvid.diagnosis.evidence.members import NAMED_CHANGE, SelectedSet, SetMember, keeps_names, named_alike, named_once
 from lpvid.diagnosis.evidence.rivals import SIGNIFICANT, name_in, rivals_beside
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.evidence.weighed_sets import confirmed_sets, reported_set
@@ -25,6 +25,8 @@ from lpvid.effects.composition import Composition
 from lpvid.effects.effect import Effect
 from lpvid.validation.figures import gain_percent
 
+NEEDLESS = f"with it the error out of fold is no lower, or the output changes by less than {NAMED_CHANGE:.1%}"
+"""why a member of a more probable set is left out"""
 OUT_OF_FOLD = "out of fold"
 """key under which the folds of a fit are cached"""
 
@@ -60,7 +62,7 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
         # one at a time: of two with the same effect, as a preload and an offset, either is needless beside the other
         least = min(sorted(unhelpful), key=lambda n: _out_of_fold_cost(search.problem, fits[best.members - {n}]))
         smaller[best.members] = best.members - {least}
-        dropped[least] = "the error out of fold is no lower with it"
+        dropped[least] = NEEDLESS
     found = _assessed(search, fits, sets, best, ablations, dropped)
     if not best.members:
         return replace(found, least_error_set=_least_error_set(search, fits))
@@ -72,13 +74,18 @@ def select_set(search: SetSearch, report_progress: Callable[[str], None],
 
 
 def _ablated(search: SetSearch, fits: dict[Members, Refit], w: EvaluatedSet) -> tuple[list[Refit], set[str]]:
-    """Refits of a set without each of its members, and the members without which its error out of fold is no higher."""
+    """Refits of a set without each of its members, and the members that do not lower its error out of fold.
+
+    Nor does one help that changes the output by less than `NAMED_CHANGE`: of a lag and a delay under a sinusoidal
+    current either does what both do.
+    """
     fit = fits[w.members] = fits.get(w.members) or _refitted(search, w.fit.composition, w.fit, search.in_parallel)
     without = [Composition(fit.composition.baseline, tuple(e for e in w.effects if e is not one)) for one in w.effects]
     _cross_validate(search, fits, fit, (fit.composition, *without, search.root.fit.composition))
     after, ablations = folds_of(search.problem, fit), [fits[c.members] for c in without]
     return ablations, {e.name for e, ablation in zip(w.effects, ablations, strict=True)
-                       if _gains(search.problem, ablation, after).sum() <= 0}
+                       if _gains(search.problem, ablation, after).sum() <= 0 or
+                       _change(search, ablation, fit) < NAMED_CHANGE}
 
 
 def _assessed(search: SetSearch, fits: dict[Members, Refit], sets: WeighedSets, w: EvaluatedSet,
@@ -231,6 +238,11 @@ def _lowers_error(problem: DiagnosisProblem, before: Refit, after: np.ndarray) -
     return bool(gains.sum() > np.sqrt(gains @ gains))
 
 
+def _change(search: SetSearch, ablation: Refit, fit: Refit) -> float:
+    """Of the output without a member, the others refitted, as a share of the output's rms."""
+    return search.relative_rms(search.problem.unweighed(ablation.errors - fit.errors))
+
+
 def _member(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, fit: Refit, after: np.ndarray, effect: Effect,
             ablation: Refit) -> SetMember:
     """An effect of a set as a member."""
@@ -245,5 +257,5 @@ def _member(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, fit: Refit, a
     gain = search.score(w) - search.score(without)
     return SetMember(effect, name, values, support.probability, family.probability, support.weight, rivals,
                      ablation.cost - fit.cost, gain_percent(before, left) if before > 0 else 0.0, better,
-                     search.relative_rms(problem.unweighed(ablation.errors - fit.errors)),
+                     _change(search, ablation, fit),
                      float(gain) if np.isfinite(gain) else None)

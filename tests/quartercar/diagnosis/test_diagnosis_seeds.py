@@ -39,7 +39,6 @@ def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="listed with a friction, which does part of the work")
 def test_a_parallel_network_against_data_of_one_in_series_names_the_topology() -> None:
     """Source 003: c_L v + c_Q v² against the law of losses side by side, over 1.5 decades of speed."""
     sweep = Experiment("speeds", Chirp(f_start=0.1, f_end=4.0, amplitude=0.018, peak_velocity=0.4),
@@ -78,6 +77,7 @@ def growing(seconds: float = 10.0, rate: float = 512.0) -> Record:
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="a filter of all channels of 2 ms is named beside it")
 def test_a_relief_valve_that_grows_concave_against_holes_behind_it_names_the_orifice() -> None:
     """Source 001: the baseline (7)-(8) against data of the extended one (9)-(11), A_P³/(N_O K_O)² = 27,000 N·s²/m²."""
     motion = growing()
