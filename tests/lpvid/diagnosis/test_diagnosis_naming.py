@@ -76,6 +76,16 @@ def test_a_family_that_is_sure_is_listed_by_its_members(weights, wanted):
     assert sorted(n for n, _ in found) == wanted
 
 
+def test_what_a_form_describes_is_listed_beside_its_alternatives(monkeypatch):
+    """A dead zone of the force or air: play is the same as the first."""
+    monkeypatch.setattr(rivals, "name_in", lambda *a: ("dead-zone", None, SimpleNamespace(probability=0.5)))
+    monkeypatch.setattr(rivals, "_described_components", lambda *a: (("play", 0.1),))
+    for others, wanted in (((("air", 0.3),), ["air", "play"]), ((), [])):
+        monkeypatch.setattr(rivals, "_alternatives", lambda *a, others=others: others)
+        found = rivals.rivals_beside(None, [], None, part("dead-zone"), np.zeros(0))
+        assert [n for n, _ in found] == wanted
+
+
 def test_an_effect_whose_numbers_leave_a_simpler_one_is_named_that():
     """Air without pressure is play; in less likely sets its pressure is a little more than none."""
     air = SimpleNamespace(name="air", component="air", form_of="spring")
