@@ -49,9 +49,7 @@ ALL = "all rules"
 
 RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     # what is named
-    ".5 % of the output": ((members, "too_little", "m.change < NAMED_CHANGE", "m.change < 0"),
-                           (selection, "_ablated", "< NAMED_CHANGE", "< 0"),
-                           (members.SelectedSet, "_reason", "m.change < NAMED_CHANGE", "m.change < 0")),
+    ".5 % of the output": ((selection, "_ablated", "< NAMED_CHANGE", "< 0"),),
     "zero outside its interval": ((members.SelectedSet, "_unresolved",
                                    "not abs(fit.vector[at] - e.parameters[0].neutral) < error", "True"),),
     "not beside a larger form unresolved": ((members.SelectedSet, "reason_not_named", "or form is None", "or True"),),
@@ -81,11 +79,9 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
         (weighed_sets, "confirmed_sets", "next(within, None)", "None"),),
     "nearly as probable, less error": ((selection, "_better_predicting", "return sorted(better",
                                         "return [] and sorted(better"),),
-    "it keeps the names": ((members, "keeps_names", "return not too_little", "return True or not too_little"),),
+    "it keeps the names": ((members, "keeps_names", "return all(", "return True or all("),),
     "held-out error lower": ((outcome.EvidenceOutcome, "predicts", "return extended", "return True or extended"),),
     "sign-flip test": ((outcome.EvidenceOutcome, "significant", "return min(", "return True or min("),),
-    "no small cause beside a good law": ((outcome.EvidenceOutcome, "needless", "return error",
-                                          "return False and error"),),
     "no strength at its bound": ((EvaluatedSet, "evidence", "-np.inf if self.at_bounds", "-np.inf if False"),),
     "averaged over α": ((visited, "posterior", "sets.kappas or (sets.kappa,)", "(sets.kappa,)"),),
     "α over a factor of four": ((visited, "posterior", "sets.kappas or (sets.kappa,)",

@@ -17,7 +17,7 @@ from lpvid.rounding import TINY
 from lpvid.validation.trust import LEVEL, QUANTILE
 
 NAMED_CHANGE = 0.005
-"""change of the output, as a share of its rms, from which a cause is named"""
+"""change of the output, as a share of its rms, below which a cause is no part of a set"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +137,6 @@ class SelectedSet:
                "several components: it may be a part of one of these"
 
     def _reason(self, m: SetMember) -> str | None:
-        if m.change < NAMED_CHANGE:
-            return f"it changes the output by {m.change:.2%}, less than {NAMED_CHANGE:.2%}: too little to be named"
         if m.probability < NAMED_PROBABILITY and not m.rivals:
             return f"probability {m.probability:.2f} only, and no alternative is probable enough"
         return None if m.rivals else self._unresolved(m)
@@ -220,21 +218,6 @@ def keeps_names(other: SelectedSet, found: SelectedSet) -> bool:
     Returns
     -------
     bool
-        False too where a member of the other one changes too little to be named.
     """
     here, wanted = _named(other), _named(found)
-    return not too_little(other) and all(2 * here.get(n, 0.0) >= reduction for n, reduction in wanted.items())
-
-
-def too_little(selected: SelectedSet) -> list[SetMember]:
-    """Members that change too little to be named.
-
-    Parameters
-    ----------
-    selected : SelectedSet
-
-    Returns
-    -------
-    list of SetMember
-    """
-    return [m for m in selected.members if m.change < NAMED_CHANGE]
+    return all(2 * here.get(n, 0.0) >= reduction for n, reduction in wanted.items())

@@ -25,7 +25,7 @@ from lpvid.diagnosis.diagnosis import (
 from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
-from lpvid.diagnosis.evidence.members import SelectedSet, SetMember, too_little
+from lpvid.diagnosis.evidence.members import SelectedSet, SetMember
 from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.intervals import covariance
@@ -71,17 +71,6 @@ class EvidenceOutcome:
         """Whether the error of the baseline is structured, by the sign-flip test."""
         return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT
 
-    @property
-    def needless(self) -> bool:
-        """Whether the baseline alone is as near as a good law, and every member of the set changes too little.
-
-        It is then no answer that the error is unexplained. What is known to be noise, by repeats, counts for nothing.
-        """
-        selected = self.selected
-        noise = 0.0 if self.search.noise is None else self.search.noise.variance
-        error = self.search.relative_rms(selected.before) ** 2 - noise / self.search.data.discrepancy.output_rms**2
-        return error <= ACCEPTABLE_MISFIT**2 and len(too_little(selected)) == len(selected.members)
-
     @cached_property
     def errors(self) -> tuple[Errors, Errors]:
         """Of the baseline alone and of the set."""
@@ -107,7 +96,7 @@ class EvidenceOutcome:
         """
         selected, problem = self.selected, self.selected.problem
         before, extended = self.errors
-        found = selected.members if self.significant and not self.needless else ()
+        found = selected.members if self.significant else ()
         final = selected.fit if found and self.predicts else selected.root
         of_parameters = covariance(problem, final)
         spread = np.sqrt(np.diag(of_parameters))
@@ -117,8 +106,6 @@ class EvidenceOutcome:
         contested = [m for m in members if reasons[m.effect.name] is None and m.rivals]
         rejected = [Rejected(m.effect.name, why) for m in members if (why := reasons[m.effect.name])]
         rejected += [Rejected(m.effect.name, NO_GAIN) for m in found if not members]
-        if self.needless:
-            rejected += [Rejected(m.effect.name, selected.reason_not_named(m) or NO_GAIN) for m in selected.members]
         known = {r.name for r in rejected} | {m.effect.name for m in found}
         why_not = {**dict.fromkeys(self.without_gain, NO_GAIN), **dict(selected.dropped), **self._at_bounds()}
         rejected += [Rejected(n, why) for n, why in why_not.items() if n not in known]
@@ -182,9 +169,7 @@ class EvidenceOutcome:
                                   f"{fall}; {structure}"
         if max(law_error, foreign, repeating) > ACCEPTABLE_MISFIT:
             return "unexplained", f"no cause of the catalogue is probable enough; {structure}"
-        little = ", ".join(m.effect.name for m in self.selected.members)
-        stated = f"; {little} would change the output too little to be named" if little and self.needless else ""
-        return "nothing-to-explain", f"no cause is needed; {structure}{noise}{stated}"
+        return "nothing-to-explain", f"no cause is needed; {structure}{noise}"
 
     def _at_bounds(self) -> dict[str, str]:
         """Causes at their bounds, and why they are rejected, where sets with them would be more probable."""
