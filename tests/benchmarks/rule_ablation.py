@@ -41,6 +41,7 @@ from rows import append, read
 
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.evidence import engine, members, outcome, rivals, selection, visited, weighed_sets
+from lpvid.diagnosis.evidence.calibration import Support
 from lpvid.diagnosis.evidence.laplace import EvaluatedSet
 from quartercar.effects import CATALOGUE
 
@@ -55,7 +56,8 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     "not beside a larger form unresolved": ((members.SelectedSet, "reason_not_named", "or form is None", "or True"),),
     "every member lowers the error out of fold": (
         (selection, "_ablated", "if _gains(search.problem, ablation, after).sum() <= 0 or", "if"),),
-    "calibrated probability": ((weighed_sets, "confirmed_sets", "", ""),),  # see `without`
+    "calibrated probability": ((Support, "probability", "LIMIT / (1 + np.exp(-SLOPE * self.compressed))",
+                                "self.weight"),),
     # rivals
     "rivals by the error alone": ((rivals, "rivals_beside", "_equally_likely(search, sets, best, effect)", "()"),),
     "sensors' noise in lags": ((rivals, "_equally_likely", "if other.path in LAGGING else _cost",
@@ -98,12 +100,8 @@ def without(rule: str) -> Iterator[None]:
     """The program without a rule."""
     with ExitStack() as stack:
         for owner, name, old, new in RULES.get(rule, ()):
-            if not old:
-                stack.enter_context(mock.patch("lpvid.diagnosis.evidence.calibration.Support.probability",
-                                               property(lambda s: s.weight)))
-            else:
-                for place, function in _patched(owner, name, old, new):
-                    stack.enter_context(mock.patch.object(place, name, function))
+            for place, function in _patched(owner, name, old, new):
+                stack.enter_context(mock.patch.object(place, name, function))
         yield
 
 
@@ -168,13 +166,10 @@ def answers(diagnose: Callable[[], Any], rules: Sequence[str]) -> dict[str, Diag
 
     def all_of(search: Any, *rest: Any) -> Diagnosis:
         with remembered():
-            first = concluded(search, *rest)
-            visited_sets = dict(search.visited)  # with those that the comparison of rivals has added
             for rule in (ALL, *rules):
-                search.visited = dict(visited_sets)
                 with without(rule):
                     found[rule] = concluded(search, *rest)
-        return first
+        return found[ALL]
 
     with mock.patch.object(engine, "concluded", all_of):
         diagnose()

@@ -142,7 +142,7 @@ def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, 
             return (found if selected.members else first).diagnosis()
         rejected.append(selected.fit.composition.members)
         report_progress(f"no lower error on further data: {', '.join(sorted(rejected[-1]))}")
-        held = sum(weights.get(members, 0.0) for members in rejected)
+        held = sum(weights[members] for members in rejected)
         if held > LEVEL or len(rejected) == MOST_MEMBERS:
             return first.diagnosis()
 
