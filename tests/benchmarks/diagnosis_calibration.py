@@ -11,11 +11,10 @@ A claim is a component of a weight of at least `LISTED` over the sets of the sea
 present. Forms of one component are one: breakaway friction is dry friction, air in the oil a spring. Left out, as
 neither right nor wrong, are components that a record has by construction (filters of the measurement chain; friction
 and springs of the law itself; the spring of a Bouc-Wen damper behind Guo's law), components that these data cannot
-distinguish from the hidden ones (own rig, `near`), and the related and accepted parts of `real_answers`. Maps are
+distinguish from the hidden one (`near`), and the related and accepted parts of `real_answers`. Maps are
 tested on cases that they were not fitted to: by ten-fold cross-validation, and with a map of the cases of even number
-on those of odd number; both rigs and the measured records have equal weight. Foreign cases are sized as in
-`foreign_rig.truth`, without the comparison with every other cause, which takes longer than the diagnosis. Seeds rotate:
-a seed that was looked at once is a training seed.
+on those of odd number; both rigs and the measured records have equal weight. Seeds rotate: a seed that was looked at
+once is a training seed.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import foreign_scoreboard
 import numpy as np
 import real_answers
 import real_records
@@ -44,6 +44,7 @@ from rows import append, read
 
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.evidence.calibration import Support
+from lpvid.record import Record
 from lpvid.rounding import EPS
 from quartercar.effects import CATALOGUE
 
@@ -51,6 +52,8 @@ LISTED = 0.05
 BINS = 8
 """of the reliability, of equal numbers of claims"""
 TENTHS = 10
+FOREIGN_RATE = cases.RATE / 2
+"""Hz, at which records of the foreign rig are analysed: half the time"""
 STEEPEST = 10.0
 """slope of a map, where its claims are separable"""
 KINDS = {e.name: e.form_of if e.form_of in {c.name for c in CATALOGUE} else e.component for e in CATALOGUE}
@@ -109,25 +112,29 @@ def foreign_case(seed: int) -> Row:
     import lpvid as lpv
 
     plan = cases.draw(seed, duration=10.0)
-    world = cases.world(plan)
-    bench = truth.bench(world)
-    found = [bench.sized(name, plan.share) for name in plan.causes]
-    hidden = tuple((name, size) for name, (size, _) in zip(plan.causes, found, strict=True))
-    visible = [float(np.sqrt(np.mean(c**2))) for _, c in found]
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "record.csv"
-        cases.written(world, cases.measured(world, world.run(hidden)), path)
-        record = lpv.read(str(path))
+    known, record = foreign_record(plan)
     begun = time.process_time()
-    answer = lpv.diagnose(record, plan.baseline, sample_rate=cases.RATE / 2)
+    answer = lpv.diagnose(record, plan.baseline, sample_rate=FOREIGN_RATE)
     assert answer.weights is not None
     return plan.to_dict() | {
-        "rig": "foreign", "visible": visible, "law_error": truth.law_error(world) if world.device.error else 0.0,
+        "rig": "foreign", **known,
         "verdict": answer.verdict, "named": [c.name for c in answer.causes],
         "rivals": [list(r.names) for r in answer.rivals], "support": supports(answer),
         "changes": changes(answer),
         "families": dict(answer.weights.families), "before": answer.before.esr_held_out,
         "after": answer.after.esr_held_out, "cpu": round(time.process_time() - begun, 2)}
+
+
+def foreign_record(plan: cases.Plan) -> tuple[Row, Record]:
+    """What is hidden in a case of the foreign rig and whether it is separable, at `FOREIGN_RATE`; and its record."""
+    import lpvid as lpv
+
+    world = cases.world(plan)
+    known = truth.truth_of(world, FOREIGN_RATE)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "record.csv"
+        cases.written(world, cases.measured(world, world.run(known.hidden)), path)
+        return foreign_scoreboard.truths(world, known), lpv.read(str(path))
 
 
 def supports(answer: Diagnosis) -> dict[str, list]:
@@ -195,7 +202,7 @@ def besides(row: Row) -> set[str]:
     """Components that are neither right nor wrong in a case of a rig."""
     if row["rig"] == "foreign":
         own = cases.OWN[row["law"]] | cases.CHAIN | {"force-offset", "gas-preload"}
-        own = own.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]))
+        own = own.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]), () if row["separable"] else row["near"])
     else:
         own = {"shared-filter"} if row["chain"] == "full" else set()
         own |= imitators(row) if row["kind"] == "outside" or not row["separable"] else set()

@@ -1,10 +1,10 @@
 """Scoreboard on the foreign rig: blind cases by the user's command, one line of JSON each, and their table.
 
     python tests/benchmarks/foreign_scoreboard.py OUT --cases 40 --seed 3 [--shard 0/2] [--only single,pair]
-    python tests/benchmarks/foreign_scoreboard.py OUT --calibration ROWS
+    python tests/benchmarks/foreign_scoreboard.py ROWS --calibration
     python tests/benchmarks/foreign_scoreboard.py OUT --table
 
-The second line takes the answers from rows of `diagnosis_calibration.py`, 10 s at half the rate; it computes the truth.
+The second line takes rows of `diagnosis_calibration.py` or `rule_ablation.py`, 10 s at half the rate.
 No fitted baseline can be exact: every law of the rig has another form than the project's, and a smooth error of 1 to
 3 % of the force (`rough`: 3 to 6 %). Which causes are separable is decided from the truth alone, before the diagnosis
 runs (`foreign_rig.truth`). Rows in OUT are not computed again. Rotate the seeds: a seed that was looked at once is a
@@ -49,12 +49,6 @@ def truths(world: cases.World, known: truth.Truth) -> Row:
     return {"force": world.device.force, "speed": world.device.speed, "sizes": [s for _, s in known.hidden],
             "visible": list(known.visible), "separable": known.separable, "unknown": known.unknown,
             "near": {n: round(d, 5) for n, d in known.rivals.items() if d < known.unknown}}
-
-
-def with_truth(row: Row) -> Row:
-    """A row of the calibration as one of this board."""
-    world = cases.world(cases.draw(row["seed"], duration=row["duration"]))
-    return row | truths(world, truth.truth_of(world)) | {"outcome": "answered", "seconds": row["cpu"]}
 
 
 # -- marks --------------------------------------------------------------------------------------------------------
@@ -158,14 +152,10 @@ def run(options: argparse.Namespace) -> None:
             append(path, row)
 
 
-def judge(options: argparse.Namespace) -> None:
-    """The truth of the calibration's foreign cases that no file of the folder holds."""
-    done = {r["id"] for r in read(options.folder)}
-    for row in read(options.calibration):
-        if row.get("rig") == "foreign" and row["id"] not in done:
-            judged = with_truth(row)
-            print(line(judged), flush=True)
-            append(options.folder / "judged.jsonl", judged)
+def judged(folder: Path) -> list[Row]:
+    """Rows of the calibration, or of the ablation with all rules, as rows of this board."""
+    return [row | row.get("variants", {}).get("all rules", {}) | {"outcome": "answered", "seconds": row["cpu"]}
+            for row in read(folder) if row.get("rig") == "foreign"]
 
 
 def main() -> None:
@@ -177,15 +167,17 @@ def main() -> None:
     parser.add_argument("--shard", default="0/1")
     parser.add_argument("--only", default="", help=f"kinds, comma-separated: {', '.join(cases.KINDS)}")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
-    parser.add_argument("--calibration", type=Path, help="folder of rows of diagnosis_calibration.py")
+    parser.add_argument("--calibration", action="store_true",
+                        help="the folder has rows of diagnosis_calibration.py or rule_ablation.py")
     parser.add_argument("--table", action="store_true", help="print the table of the rows computed")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
-    if options.calibration is not None:
-        judge(options)
-    elif not options.table:
+    rows = judged(options.folder) if options.calibration else None
+    if rows is None and not options.table:
         run(options)
-    print(table(read(options.folder)))
+    for row in rows or ():
+        print(line(row))
+    print(table(read(options.folder) if rows is None else rows))
 
 
 if __name__ == "__main__":

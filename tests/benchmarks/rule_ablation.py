@@ -36,7 +36,7 @@ import real_causes
 import real_records
 from foreign_scoreboard import stated
 from helpers import hidden_score
-from helpers.foreign_rig import cases, truth
+from helpers.foreign_rig import cases
 from rows import append, read
 
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -205,18 +205,12 @@ def foreign_case(seed: int, rules: Sequence[str], removed: bool = False) -> Row:
     import lpvid as lpv
 
     plan = cases.draw(seed, duration=10.0, **({"kind": "single"} if removed else {}))
-    world = cases.world(plan)
-    bench = truth.bench(world)
-    hidden = tuple((name, bench.sized(name, plan.share)[0]) for name in plan.causes)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "record.csv"
-        cases.written(world, cases.measured(world, world.run(hidden)), path)
-        record = lpv.read(str(path))
+    known, record = calibration.foreign_record(plan)
     kinds = calibration.KINDS
     gone = {kinds.get(c, c) for c in plan.causes} if removed else set()
     catalogue = [e for e in CATALOGUE if kinds[e.name] not in gone]
-    found = answers(lambda: lpv.diagnose(record, plan.baseline, catalogue, sample_rate=cases.RATE / 2), rules)
-    return plan.to_dict() | {"rig": "removed" if removed else "foreign"} | variants(found)
+    found = answers(lambda: lpv.diagnose(record, plan.baseline, catalogue, sample_rate=calibration.FOREIGN_RATE), rules)
+    return plan.to_dict() | known | {"rig": "removed" if removed else "foreign"} | variants(found)
 
 
 def measured_case(folder: Path, group: str, baseline: str, rules: Sequence[str]) -> Row:

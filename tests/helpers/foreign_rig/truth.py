@@ -8,6 +8,8 @@ The change by a cause is what it makes of the recorded force beyond what the dev
 All of it after projecting out the sensitivities to the law's own numbers and a constant, a spring and a damper beside
 it. A single cause is separable if d is at least twice the error of the law, and if what tells it from every other cause
 of the rig, sqrt(1 - rho^2) |d|, is at least the law's error and the noise together: less than that no one can know.
+Sizes are drawn at the record's rate. What is separable is decided at the rate of the analysis: beyond half of it no two
+causes can be distinguished.
 """
 
 from __future__ import annotations
@@ -15,12 +17,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import decimate
 
 from .cases import OVERSAMPLING, RATE, World, hideable
 from .causes import cause
 from .laws import SHAPES
 
-HEAD = round(0.25 * RATE)
+START_UP = 0.25
+"""s before what is compared"""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,7 @@ class Bench:
     plain: np.ndarray
     basis: np.ndarray
     size: float
+    step: int
 
     def change(self, name: str, size: float) -> np.ndarray:
         """(m,) d of one cause, projected, over the force's root mean square."""
@@ -62,7 +67,7 @@ class Bench:
     def raw(self, name: str, size: float) -> np.ndarray:
         """(m,) the same before the projection, over the force's root mean square."""
         channels = self.world.run(((name, size),))
-        return (channels["force"] - self.world.replayed(channels) - self.plain)[HEAD:] / self.size
+        return compared(channels["force"] - self.world.replayed(channels) - self.plain, self.step) / self.size
 
     def projected(self, values: np.ndarray) -> np.ndarray:
         """What the law's numbers cannot do."""
@@ -91,37 +96,45 @@ class Bench:
         return best[1], best[2]
 
 
-def bench(world: World) -> Bench:
-    """Sensitivities by finite differences of the law's numbers, and a constant, a spring and a damper."""
+def compared(values: np.ndarray, step: int) -> np.ndarray:
+    """(m,) values after the start-up; `step` times slower than recorded, filtered without delay."""
+    slower = values if step == 1 else decimate(values, step, ftype="fir")
+    return slower[round(START_UP * RATE / step):]
+
+
+def bench(world: World, rate: float = RATE) -> Bench:
+    """Sensitivities by finite differences of the law's numbers, and a constant, a spring and a damper; at a rate."""
+    step = round(RATE / rate)
     clean = world.run()
     plain = clean["force"] - world.replayed(clean)
-    size = float(np.sqrt(np.mean(clean["force"][HEAD:] ** 2)))
+    size = float(np.sqrt(np.mean(compared(clean["force"], step) ** 2)))
     columns = [np.ones_like(clean["x"]), clean["x"], clean["v"]]
     shape = world.device.shape
     for k, name in enumerate(SHAPES):
         if shape[k] == 0.0 and name != "stiffness":
             continue
-        step = 0.02 * abs(shape[k]) or 0.02
-        device = replace(world.device, shape=(*shape[:k], shape[k] + step, *shape[k + 1:]))
+        by = 0.02 * abs(shape[k]) or 0.02
+        device = replace(world.device, shape=(*shape[:k], shape[k] + by, *shape[k + 1:]))
         columns.append(replace(world, device=device).run()["force"] - clean["force"])
-    block = np.column_stack(columns)[HEAD:]
+    block = np.column_stack([compared(c, step) for c in columns])
     block = block / np.maximum(np.sqrt(np.mean(block**2, axis=0)), 1e-300)
     left, values, _ = np.linalg.svd(block, full_matrices=False)
-    return Bench(world, plain, left[:, values > 1e-6 * values[0]], size)
+    return Bench(world, plain, left[:, values > 1e-6 * values[0]], size, step)
 
 
-def truth_of(world: World) -> Truth:
-    """Sizes, visibility and rivals of what the plan hides."""
+def truth_of(world: World, rate: float = RATE) -> Truth:
+    """Sizes, visibility and rivals of what the plan hides, in a record that is analysed at a rate."""
     plan = world.plan
-    here = bench(world)
-    found = [here.sized(name, plan.share) for name in plan.causes]
-    hidden = tuple((name, size) for name, (size, _) in zip(plan.causes, found, strict=True))
-    visible = tuple(float(np.sqrt(np.mean(c**2))) for _, c in found)
+    recorded = bench(world)
+    hidden = tuple((name, recorded.sized(name, plan.share)[0]) for name in plan.causes)
+    here = recorded if rate == RATE else bench(world, rate)
+    found = [here.change(name, size) for name, size in hidden]
+    visible = tuple(float(np.sqrt(np.mean(c**2))) for c in found)
     law = 0.0 if not world.device.error else law_error(world)
     unknown = float(np.hypot(law, plan.level))
     rivals: dict[str, float] = {}
     if len(found) == 1:
-        d = found[0][1]
+        d = found[0]
         for other in hideable(plan.law, plan.current):
             if other.name != plan.causes[0] and not other.outside:
                 _, change = here.sized(other.name, max(visible[0], 1e-3), 0.3)
@@ -135,4 +148,4 @@ def law_error(world: World) -> float:
     """Root mean square of the law's smooth error as a share of the force."""
     force = world.force((), world.x, world.v, world.i)
     bare = replace(world, device=replace(world.device, error=0.0)).force((), world.x, world.v, world.i)
-    return float(np.sqrt(np.mean((force - bare)[HEAD * OVERSAMPLING:] ** 2) / np.mean(force**2)))
+    return float(np.sqrt(np.mean((force - bare)[round(START_UP * RATE) * OVERSAMPLING:] ** 2) / np.mean(force**2)))

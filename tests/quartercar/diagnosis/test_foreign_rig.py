@@ -126,6 +126,15 @@ class TestCases:
         assert found.separable == (min(found.rivals.values()) >= found.unknown)
 
     @pytest.mark.slow
+    def test_what_is_beyond_half_the_rate_of_the_analysis_is_not_separable(self) -> None:
+        """A resonance of 135 Hz, at 512 Hz and at 128 Hz."""
+        plan = cases.draw(5, law="herschel-bulkley", kind="single", causes=("fixture-resonance",), share=0.05,
+                          level=0.002, duration=4.0)
+        full, slow = (truth.truth_of(cases.world(plan), rate) for rate in (cases.RATE, cases.RATE / 4))
+        assert full.hidden == slow.hidden
+        assert full.separable and not slow.separable
+
+    @pytest.mark.slow
     @pytest.mark.parametrize(("seed", "alike"), [
         (5700004, {"displacement-delay", "one-sided-filter"}), (5700008, {"thermal-fade", "viscous-fade"})])
     def test_what_the_truth_calls_inseparable_is_listed_together(self, seed: int, alike: set[str], tmp_path: Path
