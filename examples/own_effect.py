@@ -24,7 +24,7 @@ def drag(displacement, velocity, place):  # per newton of strength
 class Scoring(GridEffect):
     """F += F_d exp(-((x - x_d)/w)^2) sign v."""
 
-    name, title, family = "scoring", "drag near one position of the stroke", "friction and gas"
+    name, title, family = "scoring", "drag near one position of the stroke", "friction"
     stage, equation, reference = "force", "F += F_d exp(-((x - x_d)/w)^2) tanh(v/eps)", "this example"
     experiment, needs = "creep over the whole stroke", ("displacement", "velocity")
     parameters = (EffectParameter("drag", "N", "F_d", 0.0, (0.0, 500.0), (0.0, 1e4), (20.0,)),

@@ -164,7 +164,7 @@ class Effect(ABC):
     title: ClassVar[str]
     """in words"""
     family: ClassVar[str]
-    """friction and gas, compliance, hydraulics, electrical, thermal, structure, measurement, model, car"""
+    """friction, elastic, hydraulics, electrical, thermal, structure, measurement, model, car"""
     stage: ClassVar[str]
     """one of `STAGES`"""
     layer: ClassVar[int] = 0
@@ -204,9 +204,6 @@ class Effect(ABC):
     form_of: ClassVar[str] = ""
     """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
     of its own. A special case that is another component (a stop, a linear spring) is none"""
-    differs_by: ClassVar[str] = ""
-    """name of the parameter at whose neutral value it is that component itself, so that its estimate decides whether
-    the data show this form; "" where there is none"""
     contains: ClassVar[tuple[str, ...]] = ()
     """names of other components that its equation contains, so that it can replace them"""
     behind: ClassVar[str] = ""

@@ -21,9 +21,8 @@ from lpvid.errors import InputError
 ALIKE = ("name", "title", "family", "stage", "layer", "equation", "reference", "experiment", "needs", "strengths",
          "memoryless", "smooth", "partners", "added_later", "rugged", "path", "stepwise", "flexible", "placement_of",
          "form_of", "contains", "behind", "turns", "brings")
-"""attributes that a `FleetEffect` has from its effect; not `visible`, `common` and `differs_by`, which hold for the
-effect's own neutral values: samples show a clipped force, but not that it is clipped at another level than the
-fleet's"""
+"""attributes that a `FleetEffect` has from its effect; not `visible` and `common`, which hold for the effect's own
+neutral values: samples show a clipped force, but not that it is clipped at another level than the fleet's"""
 WITHIN = 3.0
 """standard deviations within which 99.7 % of normal specimens lie"""
 CONSISTENT = 1 / NormalDist().inv_cdf(3 / 4)

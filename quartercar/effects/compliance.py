@@ -21,7 +21,7 @@ from quartercar.effects.series_march import TAKE_UP
 class SeriesElement(GridEffect):
     """An element in series that carries the force of the law: v = w + dD(F)/dt, F = law(w) (equation sheet 9.3)."""
 
-    family: ClassVar[str] = "compliance"
+    family: ClassVar[str] = "elastic"
     stage: ClassVar[str] = "series"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
 

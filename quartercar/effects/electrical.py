@@ -382,7 +382,6 @@ class RiseFallLag(CurrentEffect):
 
     name: ClassVar[str] = "rise-fall-lag"
     form_of: ClassVar[str] = "coil-lag"
-    differs_by: ClassVar[str] = "ratio"
     path: ClassVar[str] = "current"
     title: ClassVar[str] = "the field rises and falls with different time constants"
     equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i_e| rises, T/r where it falls"

@@ -29,7 +29,7 @@ NIL = 1e-7
 class ParallelForce(GridEffect):
     """A force that adds to that of the law."""
 
-    family: ClassVar[str] = "friction and gas"
+    family: ClassVar[str] = "friction"
     memoryless: ClassVar[bool] = True
     stage: ClassVar[str] = "force"
 
@@ -198,6 +198,7 @@ class GasPreload(ParallelForce):
 
     name: ClassVar[str] = "gas-preload"
     title: ClassVar[str] = "gas force at mid stroke"
+    family: ClassVar[str] = "elastic"
     equation: ClassVar[str] = "F -= P"
     reference: ClassVar[str] = "equation sheet 3.3"
     experiment: ClassVar[str] = "creep at several positions and temperatures: gas depends on both, an offset on neither"
@@ -224,6 +225,7 @@ class GasStiffness(ParallelForce):
 
     name: ClassVar[str] = "gas-stiffness"
     title: ClassVar[str] = "gas spring"
+    family: ClassVar[str] = "elastic"
     equation: ClassVar[str] = "F += K/(n c) ((1 - c x)^-n - 1); K x for c = 0"
     reference: ClassVar[str] = "equation sheet 3.4; polytropic gas column"
     added_later: ClassVar[tuple[str, ...]] = ("closing",)

@@ -22,7 +22,7 @@ class CubicSpring(ParallelForce):
 
     name: ClassVar[str] = "cubic-spring"
     title: ClassVar[str] = "a spring that hardens or softens with the displacement"
-    family: ClassVar[str] = "structure"
+    family: ClassVar[str] = "elastic"
     equation: ClassVar[str] = "F += k_3 x^3 + k_2 x^2"
     reference: ClassVar[str] = "Duffing 1918; Wigren, Schoukens 2013, the silverbox"
     experiment: ClassVar[str] = "slow strokes of several amplitudes: the mean of both directions over position"
@@ -103,7 +103,7 @@ class ForceDeadZone(GridEffect):
 
     name: ClassVar[str] = "force-dead-zone"
     title: ClassVar[str] = "a dead zone of the force about zero"
-    family: ClassVar[str] = "structure"
+    family: ClassVar[str] = "elastic"
     memoryless: ClassVar[bool] = True
     stage: ClassVar[str] = "measurement"
     equation: ClassVar[str] = "F_recorded = (|F| - F_d)+ sign F"

@@ -30,7 +30,7 @@ class EndStop(Effect):
     name: ClassVar[str] = "end-stop"
     memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "an end stop engages near the end of the stroke"
-    family: ClassVar[str] = "structure"
+    family: ClassVar[str] = "elastic"
     stage: ClassVar[str] = "force"
     equation: ClassVar[str] = "F += k d (d/mm)^(n-1) sign x, d = (|x| - x_s)+"
     reference: ClassVar[str] = "equation sheet 3.18"

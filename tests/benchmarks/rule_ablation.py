@@ -53,7 +53,6 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     ".5 % of the output": ((selection, "_ablated", "< NAMED_CHANGE", "< 0"),),
     "zero outside its interval": ((members.SelectedSet, "_unresolved",
                                    "not abs(fit.vector[at] - e.parameters[0].neutral) < error", "True"),),
-    "not beside a larger form unresolved": ((members.SelectedSet, "reason_not_named", "or form is None", "or True"),),
     "every member lowers the error out of fold": (
         (selection, "_ablated", "if _gains(search.problem, ablation, after).sum() <= 0 or", "if"),),
     "calibrated probability": ((Support, "probability", "LIMIT / (1 + np.exp(-SLOPE * self.compressed))",
@@ -62,8 +61,6 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     "rivals by the error alone": ((rivals, "rivals_beside", "_equally_likely(search, sets, best, effect)", "()"),),
     "sensors' noise in lags": ((rivals, "_equally_likely", "if other.path in LAGGING else _cost",
                                 "if False else _cost"),),
-    "what contains it is no rival": ((rivals, "_equally_likely", "_contains(w, other, {effect.name, component})",
-                                      "False"),),
     "rivals are related": ((rivals, "_equally_likely", "not related(effect, other)", "False"),),
     "what a form describes": ((rivals, "rivals_beside", "if name == effect.name and", "if False and"),),
     "alternatives": ((rivals, "rivals_beside", "else _alternatives(sets, best, effect, match)", "else ()"),),
@@ -72,8 +69,6 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
         (rivals, "name_in", "if simpler is not None and not certain:", "if False:"),),
     "components for forms": ((rivals, "reported_name", "if form.probability < NAMED_PROBABILITY <= whole.probability:",
                               "if False:"),),
-    "simpler by its interval on all samples": ((outcome.EvidenceOutcome, "_simplified", "if m.name != e.name:",
-                                                "if True:"),),
     # sets
     "median probability model": ((weighed_sets, "reported_set", "components = median if median and median in weights",
                                   "components = frozenset(sets[0][0].components) if True"),),

@@ -21,7 +21,7 @@ model-order input-nonlinearity strut-friction payload tyre-stiffness tyre-dampin
 channel-sign coloured-noise inner-friction hysteresis cubic-spring saturating-damping force-dead-zone current-dependence
 """
 IDS = NAMES.split()
-FAMILIES = {"friction and gas", "compliance", "hydraulics", "electrical", "thermal", "structure", "measurement",
+FAMILIES = {"friction", "elastic", "hydraulics", "electrical", "thermal", "structure", "measurement",
             "model", "car", "noise"}
 BASELINES = {"guo": guo, "power-law": power_law}
 

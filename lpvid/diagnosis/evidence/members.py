@@ -116,10 +116,6 @@ class SelectedSet:
     def reason_not_named(self, m: SetMember) -> str | None:
         """Why a member is not named; None where it is, or has rivals.
 
-        Nor is one named beside a flexible form that is not resolved and changes the output more. What the form stands
-        for is not known, and it describes that only roughly: of a spring that the candidates lack, `model-order` is the
-        lag, and friction the rest.
-
         Parameters
         ----------
         m : SetMember
@@ -128,18 +124,11 @@ class SelectedSet:
         -------
         str or None
         """
-        reason = self._reason(m)
-        form = next((f for f in self.members if f.effect.flexible and f.change > m.change
-                     and (f.rivals or self._reason(f))), None)
-        if reason or m.rivals or form is None:
-            return reason
-        return f"it changes the output by {m.change:.2%}, less than {form.effect.name}, which may stand for any of " \
-               "several components: it may be a part of one of these"
-
-    def _reason(self, m: SetMember) -> str | None:
-        if m.probability < NAMED_PROBABILITY and not m.rivals:
+        if m.rivals:
+            return None
+        if m.probability < NAMED_PROBABILITY:
             return f"probability {m.probability:.2f} only, and no alternative is probable enough"
-        return None if m.rivals else self._unresolved(m)
+        return self._unresolved(m)
 
     def _unresolved(self, m: SetMember) -> str | None:
         """The reason where the 95 % interval of a component's only strength includes none of it (Wald 1943).

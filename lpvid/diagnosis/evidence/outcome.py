@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -23,10 +23,10 @@ from lpvid.diagnosis.diagnosis import (
     VisitedSet,
 )
 from lpvid.diagnosis.estimates import errors_of, estimates
-from lpvid.diagnosis.evidence.calibration import Support, component_support, match_component, match_family
+from lpvid.diagnosis.evidence.calibration import Support, component_support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.members import SelectedSet, SetMember
-from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT, match_names
+from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import ErrorRegime, localise, spectrum_lines
@@ -35,7 +35,6 @@ from lpvid.diagnosis.screening import ScreeningResult
 from lpvid.effects.extended import ExtendedModel
 from lpvid.record import Record
 from lpvid.rounding import TINY
-from lpvid.validation.trust import QUANTILE
 
 NO_GAIN = "with the set that it belongs to, the error on data that the fit has not seen is no lower"
 """why no member of the most probable set is named where the set predicts no better than the baseline"""
@@ -100,7 +99,7 @@ class EvidenceOutcome:
         final = selected.fit if found and self.predicts else selected.root
         of_parameters = covariance(problem, final)
         spread = np.sqrt(np.diag(of_parameters))
-        members = [self._simplified(m, spread) for m in found] if self.predicts else []
+        members = found if self.predicts else ()
         reasons = {m.effect.name: selected.reason_not_named(m) for m in members}
         named = [m for m in members if reasons[m.effect.name] is None and not m.rivals]
         contested = [m for m in members if reasons[m.effect.name] is None and m.rivals]
@@ -192,33 +191,6 @@ class EvidenceOutcome:
         return float(gains.sum()) / excess, float(gains.std(ddof=1) * np.sqrt(gains.size)) / excess
 
     # -- plain data ----------------------------------------------------------------------------------------------------
-    def _simplified(self, m: SetMember, spread: np.ndarray) -> SetMember:
-        """A member under the name of the simpler effect that it is by its parameters on all samples.
-
-        A misfit of the law may prefer a special form on the samples of the search. Two time constants that are equal
-        within the 95 % interval of their ratio are one lag (`Effect.differs_by`); with a number at its bound an effect
-        may be a limit of its equation (`Effect.comes_to`), as air without pressure is play.
-        """
-        e, selected = m.effect, self.selected
-        known = {c.name for c in self.search.candidates} - {other.name for other in selected.members}
-        if m.name != e.name:
-            return m
-        bounds = np.array([p.bounds for p in e.parameters])
-        at_bound = np.any((m.values <= bounds[:, 0]) | (m.values >= bounds[:, 1]))
-        simpler = next((n for n in e.comes_to(m.values, selected.problem.signals) if n in known and at_bound), None)
-        if simpler is None and e.differs_by and e.form_of in known:
-            k = [p.name for p in e.parameters].index(e.differs_by)
-            composition = selected.fit.composition
-            error = spread[composition.places[composition.effects.index(e)]][k]
-            if abs(m.values[k] - e.parameters[k].neutral) < QUANTILE * error:
-                simpler = e.form_of
-        if simpler is None:
-            return m
-        match = match_component(simpler) if simpler == e.form_of else match_names(simpler, e.name)
-        support = Support.of(selected.sets, match)
-        rivals = tuple((n, p) for n, p in m.rivals if n != simpler)
-        return replace(m, name=simpler, probability=support.probability, weight=support.weight, rivals=rivals)
-
     def _cause(self, m: SetMember, spread: np.ndarray) -> Cause:
         selected = self.selected
         single = self.search.visited.get(frozenset({m.effect.name}))

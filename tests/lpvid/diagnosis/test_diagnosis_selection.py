@@ -22,25 +22,6 @@ from lpvid.record import Channel, Record
 from lpvid.report.diagnosis import _cause_row
 
 
-@pytest.mark.parametrize(("flexible", "rivals", "change", "kept"), [
-    (True, (("lag", 0.2),), 0.05, False),  # a form that is not resolved and changes more
-    (True, (), 0.05, True),  # that is named
-    (True, (("lag", 0.2),), 0.02, True),  # that changes less
-    (False, (("lag", 0.2),), 0.05, True),  # a component: its rivals do what it does
-])
-def test_a_cause_may_be_a_part_of_what_a_larger_form_stands_for(flexible, rivals, change, kept, monkeypatch):
-    monkeypatch.setattr(SelectedSet, "_unresolved", lambda self, m: None)
-
-    def member(name: str, flexible: bool, rivals: tuple, change: float) -> SetMember:
-        effect = SimpleNamespace(name=name, flexible=flexible)
-        return SetMember(effect, name, np.zeros(1), 0.9, 0.9, 0.9, rivals, 1.0, 10.0, 1.0, change, 5.0)
-
-    dry, form = member("dry", False, (), 0.03), member("form", flexible, rivals, change)
-    selected = SelectedSet(*[None] * 3, 1.0, *[np.zeros(1)] * 2, (form, dry), 0.05, 0.0, (), [])  # type: ignore[arg-type]
-    reason = selected.reason_not_named(dry)
-    assert (reason is None) is kept and (kept or "less than form" in reason)
-
-
 @pytest.mark.parametrize(("value", "error", "clock", "strengths", "flexible", "named"), [
     (0.4, 0.2, 0.0, 1, False, True),  # two standard errors from none
     (0.38, 0.2, 0.0, 1, False, False),

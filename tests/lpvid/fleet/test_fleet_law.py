@@ -37,7 +37,6 @@ class Seen(Cubic):
     """One that the samples show, and that is another component at a neutral value."""
 
     visible = True
-    differs_by = "gain"
 
 
 @cache
@@ -61,7 +60,6 @@ def test_what_samples_show_is_the_cause_and_no_other_strength_than_the_fleet_s()
     """Its prior and its name at neutral hold for its own neutral value, not for that of the fleet."""
     own = FleetEffect(Seen(), np.array([SHARED]))
     assert inclusion_prior(Seen()) > 0 > inclusion_prior(own) == inclusion_prior(Cubic())
-    assert not own.differs_by
 
 
 def test_an_effect_of_its_own_composed_once_more_replaces_it() -> None:

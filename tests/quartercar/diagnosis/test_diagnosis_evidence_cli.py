@@ -32,7 +32,7 @@ def hidden(name: str) -> Record:
 def test_a_cause_on_the_rig_with_its_probability_and_its_family():
     found = lpv.diagnose(hidden("coulomb-friction"), "guo", FEW)
     assert found.causes[0].name == "coulomb-friction"
-    assert found.causes[0].family == "friction and gas"
+    assert found.causes[0].family == "friction"
     assert abs(found.causes[0].parameters[0].value - 60.0) < 3.0
     assert found.extended is not None and "coulomb-friction" in found.extended.effects
     assert lpv.diagnose(hidden("coulomb-friction"), found.extended, FEW).verdict == \

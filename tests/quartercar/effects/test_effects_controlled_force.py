@@ -18,7 +18,7 @@ from quartercar.effects.controlled_force import CurrentDependence, at_rest
 from quartercar.effects.electrical import CoilLag
 
 RATE, YIELD, VISCOUS = 500.0, 300.0, 400.0
-CHEAP = [e for e in CATALOGUE if e.family in ("electrical", "friction and gas", "model") and e.name != "remanence"]
+CHEAP = [e for e in CATALOGUE if e.family in ("electrical", "friction", "model") and e.name != "remanence"]
 
 
 def bingham(current: np.ndarray, seed: int = 0, lag: float = 0.0) -> lpv.Record:
