@@ -61,6 +61,8 @@ RULES: dict[str, tuple[tuple[Any, str, str, str], ...]] = {
     "rivals by the error alone": ((rivals, "rivals_beside", "_equally_likely(search, sets, best, effect)", "()"),),
     "sensors' noise in lags": ((rivals, "_equally_likely", "if other.path in LAGGING else _cost",
                                 "if False else _cost"),),
+    "what contains it is no rival": ((rivals, "_equally_likely", "_contains(w, other, {effect.name, component})",
+                                      "False"),),
     "rivals are related": ((rivals, "_equally_likely", "not related(effect, other)", "False"),),
     "what a form describes": ((rivals, "rivals_beside", "if name == effect.name and", "if False and"),),
     "alternatives": ((rivals, "rivals_beside", "else _alternatives(sets, best, effect, match)", "else ()"),),

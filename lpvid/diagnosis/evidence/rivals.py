@@ -141,12 +141,14 @@ def _equally_likely(search: SetSearch, sets: WeighedSets, best: EvaluatedSet, ef
     left out here. For lags the part of either error due to the sensors' noise is subtracted: to undo a filter raises
     the noise of the motion, to undo a delay does not.
 
-    It must be related.
+    It must be related. What contains the effect (`Effect.contains`), or a flexible form that describes it too
+    (`Effect.stands_for`), is no rival: it leaves no more error whatever the truth, so that its error decides nothing.
+    The evidence compares the two by their parameters' volume.
     """
     found: dict[str, float] = {}
     samples, component = search.kappa * search.problem.n_samples, best.components[best.effects.index(effect)]
     for other, k, w in _replacements(sets, best, component):
-        if not related(effect, other):
+        if not related(effect, other) or _contains(w, other, {effect.name, component}):
             continue
         cost = _cost_without_sensor_noise(best, w) if other.path in LAGGING else _cost
         if 0.5 * samples * np.log(cost(w) / cost(best)) < -np.log(SIGNIFICANT):
@@ -164,6 +166,13 @@ def _replacements(sets: WeighedSets, best: EvaluatedSet, component: str) -> list
         if component not in w.components and common == rest and not w.at_bounds and len(others) == 1:
             found.append((*others[0], w))
     return found
+
+
+def _contains(w: EvaluatedSet, larger: Effect, names: Collection[str]) -> bool:
+    """Whether a member of a set contains one of some effects, or is a form that describes it at its fitted values."""
+    values = w.fit.vector[w.fit.composition.places[w.effects.index(larger)]]
+    described = larger.stands_for(values, w.data.problem.signals) if larger.flexible else ()
+    return not set(names).isdisjoint((*larger.contains, *described))
 
 
 def _cost(w: EvaluatedSet) -> float:

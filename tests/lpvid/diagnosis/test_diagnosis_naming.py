@@ -138,7 +138,9 @@ PLAY, SPRING, RELATED = part("play"), part("spring"), part("related", "loose")
     (of_cost(1.2, RELATED, bounds=True), []),
     (of_cost(0.9, part("form", flexible=True)), []),
     (of_cost(1.2, part("form", "loose", flexible=True)), ["form"]),
-    (of_cost(0.9, part("other", "loose", contains=("dead-zone",))), ["other"]),
+    (of_cost(0.9, part("form", "loose", flexible=True, stands_for=lambda v, s: ("dead-zone",))), []),  # it contains it
+    (of_cost(0.9, part("other", "loose", stands_for=lambda v, s: ("dead-zone",))), ["other"]),  # a component
+    (of_cost(0.9, part("other", "loose", contains=("dead-zone",))), []),
 ])
 def test_effects_that_can_replace_one_at_nearly_the_same_error_are_listed(other, wanted):
     assert _rivals_beside(of_cost(1.0, part("dead-zone", "loose")), other) == wanted
