@@ -201,7 +201,7 @@ def kind(name: str) -> str:
 def besides(row: Row) -> set[str]:
     """Components that are neither right nor wrong in a case of a rig."""
     if row["rig"] == "foreign":
-        own = cases.OWN[row["law"]] | cases.CHAIN | {"force-offset", "gas-preload"}
+        own = cases.own(row["law"], row["baseline"]) | cases.CHAIN | {"force-offset", "gas-preload"}
         own = own.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]), () if row["separable"] else row["near"])
     else:
         own = {"shared-filter"} if row["chain"] == "full" else set()

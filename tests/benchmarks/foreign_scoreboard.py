@@ -1,6 +1,7 @@
 """Scoreboard on the foreign rig: blind cases by the user's command, one line of JSON each, and their table.
 
     python tests/benchmarks/foreign_scoreboard.py OUT --cases 40 --seed 3 [--shard 0/2] [--only single,pair]
+    python tests/benchmarks/foreign_scoreboard.py OUT --cases 40 --seed 3 --baseline linear
     python tests/benchmarks/foreign_scoreboard.py ROWS --calibration
     python tests/benchmarks/foreign_scoreboard.py OUT --table
 
@@ -54,7 +55,8 @@ def truths(world: cases.World, known: truth.Truth) -> Row:
 # -- marks --------------------------------------------------------------------------------------------------------
 def stated(row: Row) -> list[str]:
     """Causes named outright, without those that the law or the measurement chain has by construction."""
-    return [n for n in row.get("named", []) if n not in cases.OWN[row["law"]] | cases.CHAIN or n in row["causes"]]
+    own = cases.own(row["law"], row["baseline"]) | cases.CHAIN
+    return [n for n in row.get("named", []) if n not in own or n in row["causes"]]
 
 
 def wrong(row: Row) -> list[str]:
@@ -85,6 +87,13 @@ def mark(row: Row) -> str:
     if not row["separable"]:
         return "right"
     return ("right" if stated(row)[0] in row["causes"] else "later") if found else "silent"
+
+
+def law_found(row: Row) -> list[bool]:
+    """Whether the friction of a law is named where the baseline has none, and its current where that varies."""
+    names = {*row.get("named", ())}
+    varies = row["current"] in ("steps", "ramps")
+    return [bool(cases.FRICTION & names), *(["current-dependence" in names] if varies else [])]
 
 
 def line(row: Row) -> str:
@@ -124,9 +133,13 @@ def table(rows: list[Row]) -> str:
         median, late = np.quantile(seconds, (0.5, 0.95))
         lines += ["", f"seconds by the clock, or of a processor where from a calibration: median {median:.0f}, "
                   f"95 % {late:.0f}"]
-    clean = [r["before"] for r in good if r["kind"] == "nothing" and r["outcome"] == "answered"]
+    clean = [r["before"] for r in good if r["kind"] == "nothing" and "before" in r]
     if clean:
         lines.append(f"free-run ESR of the baseline with nothing hidden, held-out: median {np.median(clean):.4f}")
+    crude = [law_found(r) for r in good if r["baseline"] == "linear" and r["outcome"] == "answered"]
+    if crude:
+        lines.append(f"from linear, {len(crude)} cases: the law's friction is named in {sum(f[0] for f in crude)}, its "
+                     f"current in {sum(f[1] for f in crude if len(f) > 1)} of {sum(len(f) > 1 for f in crude)}")
     broken = len(rows) - len(good)
     return "\n".join([*lines, *([f"{broken} ended in an error of the rig"] if broken else [])])
 
@@ -138,13 +151,14 @@ def run(options: argparse.Namespace) -> None:
     done = {r["id"] for r in read(options.folder)}
     path = options.folder / f"shard-{part}-of-{parts}.jsonl"
     fixings = [{"kind": k} for k in options.only.split(",")] if options.only else [{}]
+    chosen = {"baseline": options.baseline} if options.baseline else {}
     for number in range(part, options.cases, parts):
         for fixed in fixings:
             name = f"{options.seed}-{number}-{fixed.get('kind', 'any')}"
             if name in done:
                 continue
             try:
-                row = case(options.seed * 100_000 + number, options.limit, **fixed)
+                row = case(options.seed * 100_000 + number, options.limit, **fixed, **chosen)
             except Exception as error:
                 row = {"error": f"{type(error).__name__}: {error}"}
             row |= {"id": name}
@@ -166,6 +180,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--shard", default="0/1")
     parser.add_argument("--only", default="", help=f"kinds, comma-separated: {', '.join(cases.KINDS)}")
+    parser.add_argument("--baseline", help="for all cases, such as linear; by default the law that suits the device")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
     parser.add_argument("--calibration", action="store_true",
                         help="the folder has rows of diagnosis_calibration.py or rule_ablation.py")

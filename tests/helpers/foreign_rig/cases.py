@@ -31,6 +31,15 @@ OWN = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"input-nonline
                  "entrained-air"}, "bouc-wen": set()}
 """What the law truly has and the baseline has not: neither right nor wrong when named. Dahl's friction is
 `hysteresis` of straightness 0, and a slider behind a spring."""
+BEYOND_LINEAR = {
+    "herschel-bulkley": {"coulomb-friction", "saturating-damping", "input-nonlinearity"},
+    "polynomial": {"coulomb-friction", "quadratic-loss", "input-nonlinearity", "saturating-damping"},
+    "dahl": set(), "lugre": set(),
+    "bouc-wen": {"coulomb-friction", "inner-friction", "hysteresis", "series-compliance", "entrained-air"}}
+"""What a law has besides beyond a mass, a damper, a spring and a constant. A yield force that comes in smoothly is
+friction with a turning speed, and a damping that saturates; Bouc-Wen's variable is friction behind a spring."""
+FRICTION = {"coulomb-friction", "inner-friction", "hysteresis", "stribeck-friction", "saturating-damping"}
+"""Names that the yield or friction share, which every law has, may be given."""
 KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"},
          "bouc-wen": {"gas-stiffness"}}
 """What the baseline has itself: not hidden behind it."""
@@ -91,6 +100,11 @@ def draw(seed: int, **fixed: object) -> Plan:
                 chosen.append(str(name))
         free["causes"] = tuple(chosen)
     return Plan(seed=seed, **free)
+
+
+def own(law: str, baseline: str) -> set[str]:
+    """What a law truly has and a baseline has not."""
+    return OWN[law] | (BEYOND_LINEAR[law] | {"current-dependence"} if baseline == "linear" else set())
 
 
 def hideable(law: str, current_kind: str) -> list[Cause]:
