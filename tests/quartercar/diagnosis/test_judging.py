@@ -91,9 +91,12 @@ class TestMarks:
         ({"kind": "outside", "causes": ("tone",), "named": ["end-stop"]}, "wrong"),
         ({"kind": "outside", "causes": ("tone",), "named": [], "verdict": "unexplained"}, "right"),
         ({"kind": "outside", "causes": ("cubic-spring",), "named": ["hardening-spring"]}, "right"),
-        ({"kind": "pair", "causes": ("coil-lag", "end-stop"), "named": ["coil-lag"]}, "one of two")])
+        ({"kind": "pair", "causes": ("coil-lag", "end-stop"), "named": ["coil-lag"]}, "one of two"),
+        ({"kind": "nothing", "causes": (), "named": ["coulomb-friction"]}, "false alarm"),
+        ({"kind": "nothing", "causes": (), "named": ["coulomb-friction"], "baseline": "linear"}, "right")])
     def test_on_the_foreign_rig(self, fields: dict, wanted: str) -> None:
-        case = {"outcome": "answered", "law": "herschel-bulkley", "separable": True, "near": {}, "verdict": "explained"}
+        case = {"outcome": "answered", "law": "herschel-bulkley", "baseline": "guo", "separable": True, "near": {},
+                "verdict": "explained"}
         assert foreign_scoreboard.mark(case | fields) == wanted
 
 
