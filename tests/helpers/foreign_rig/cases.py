@@ -38,6 +38,8 @@ BEYOND_LINEAR = {
     "bouc-wen": {"coulomb-friction", "inner-friction", "hysteresis", "series-compliance", "entrained-air"}}
 """What a law has besides beyond a mass, a damper, a spring and a constant. A yield force that comes in smoothly is
 friction with a turning speed, and a damping that saturates; Bouc-Wen's variable is friction behind a spring."""
+LINEAR = {"fixture-inertia", "gas-stiffness"}
+"""What `linear` has itself."""
 FRICTION = {"coulomb-friction", "inner-friction", "hysteresis", "stribeck-friction", "saturating-damping"}
 """Names that the yield or friction share, which every law has, may be given."""
 KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"},
@@ -94,7 +96,7 @@ def draw(seed: int, **fixed: object) -> Plan:
         count = {"nothing": 0, "pair": 2}.get(kind, 1)
         chosen: list[str] = []
         for name in rng.permutation(names):
-            if str(name) in LAGS.get(law, ()):
+            if str(name) in LAGS.get(law, ()) or (free["baseline"] == "linear" and str(name) in LINEAR):
                 continue
             if len(chosen) < count and not any(cause(c).family == cause(str(name)).family for c in chosen):
                 chosen.append(str(name))
