@@ -32,8 +32,8 @@ OWN = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"input-nonline
 """What the law truly has and the baseline has not: neither right nor wrong when named. Dahl's friction is
 `hysteresis` of straightness 0, and a slider behind a spring."""
 BEYOND_LINEAR = {
-    "herschel-bulkley": {"coulomb-friction", "saturating-damping", "input-nonlinearity"},
-    "polynomial": {"coulomb-friction", "quadratic-loss", "input-nonlinearity", "saturating-damping"},
+    "herschel-bulkley": {"coulomb-friction", "inner-friction", "saturating-damping", "input-nonlinearity"},
+    "polynomial": {"coulomb-friction", "inner-friction", "quadratic-loss", "input-nonlinearity", "saturating-damping"},
     "dahl": set(), "lugre": set(),
     "bouc-wen": {"coulomb-friction", "inner-friction", "hysteresis", "series-compliance", "entrained-air"}}
 """What a law has besides beyond a mass, a damper, a spring and a constant. A yield force that comes in smoothly is
