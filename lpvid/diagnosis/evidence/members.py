@@ -127,7 +127,9 @@ class SelectedSet:
         if m.rivals:
             return None
         if m.probability < NAMED_PROBABILITY:
-            return f"probability {m.probability:.2f} only, and no alternative is probable enough"
+            family = f"; a cause of the family {m.effect.family} has {m.of_family:.2f}" \
+                if m.of_family >= NAMED_PROBABILITY else ""
+            return f"probability {m.probability:.2f} only, and no alternative is probable enough{family}"
         return self._unresolved(m)
 
     def _unresolved(self, m: SetMember) -> str | None:
