@@ -61,6 +61,12 @@ class SetMember:
     change: float
     evidence: float | None
 
+    @property
+    def family(self) -> str:
+        """Its family with the probability, where that is enough to be named; otherwise empty."""
+        return f"a cause of the family {self.effect.family} ({self.of_family:.2f})" \
+            if self.of_family >= NAMED_PROBABILITY else ""
+
 
 @dataclass(frozen=True, eq=False)
 class SelectedSet:
@@ -127,8 +133,7 @@ class SelectedSet:
         if m.rivals:
             return None
         if m.probability < NAMED_PROBABILITY:
-            family = f"; a cause of the family {m.effect.family} has {m.of_family:.2f}" \
-                if m.of_family >= NAMED_PROBABILITY else ""
+            family = f"; {m.family}" if m.family else ""
             return f"probability {m.probability:.2f} only, and no alternative is probable enough{family}"
         return self._unresolved(m)
 

@@ -26,7 +26,7 @@ from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.calibration import Support, component_support, match_family
 from lpvid.diagnosis.evidence.discrepancy import ACCEPTABLE_MISFIT
 from lpvid.diagnosis.evidence.members import SelectedSet, SetMember
-from lpvid.diagnosis.evidence.rivals import NAMED_PROBABILITY, SIGNIFICANT
+from lpvid.diagnosis.evidence.rivals import SIGNIFICANT
 from lpvid.diagnosis.evidence.search import SetSearch
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import ErrorRegime, localise, spectrum_lines
@@ -263,7 +263,7 @@ def _either(m: SetMember, signals: Sequence[Signals]) -> str:
     too = [n for n in m.effect.stands_for(m.values, signals) if n in dict(m.rivals)]
     others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
     form = f", a form that describes {', '.join(too)} too" if too else ""
-    family = f", a cause of the family {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED_PROBABILITY else ""
+    family = f", {m.family}" if m.family else ""
     return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form + family
 
 

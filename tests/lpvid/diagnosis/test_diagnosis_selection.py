@@ -22,6 +22,16 @@ from lpvid.record import Channel, Record
 from lpvid.report.diagnosis import _cause_row
 
 
+@pytest.mark.parametrize(("of_family", "stated"), [(0.8, True), (0.7, False)])
+def test_a_cause_that_is_not_probable_enough_states_its_family_where_that_is(of_family, stated):
+    effect = SimpleNamespace(name="air", family="elastic")
+    air = SetMember(effect, "air", np.zeros(1), 0.4, of_family, 0.4, (), 1.0, 10.0, 1.0, 0.05, 5.0)
+    selected = SelectedSet(*[None] * 3, 1.0, *[np.zeros(1)] * 2, (air,), 0.05, 0.0, (), [])  # type: ignore[arg-type]
+    reason = selected.reason_not_named(air)
+    assert reason is not None and reason.startswith("probability 0.40 only")
+    assert ("a cause of the family elastic (0.80)" in reason) is stated
+
+
 @pytest.mark.parametrize(("value", "error", "clock", "strengths", "flexible", "named"), [
     (0.4, 0.2, 0.0, 1, False, True),  # two standard errors from none
     (0.38, 0.2, 0.0, 1, False, False),
