@@ -122,6 +122,7 @@ SHAPES: dict[str, dict[str, tuple[float, float, tuple[float, ...]]]] = {
     "rise-fall": {"rise": (1e-4, 0.2, (0.01,)), "fall": (1e-4, 0.2, (0.01,))},
     "fade": {"fade": (1e-4, 3.0, (0.1,))},
     "saturation": {"q": (1e-3, 10.0, (0.5,))},
+    "motion-filter": {"tau": (1e-4, 0.1, (0.003, 0.01))},
     "outer-friction": {"eps_o": (1e-3, 3.0, (0.03, 0.3))},
 }
 """Nonlinear parameters of a term, all positive and searched by their logarithm: lowest, highest, starts. Deflections
@@ -178,6 +179,8 @@ def simulate(run: Run, terms: tuple[str, ...], values: dict[str, float], sub: in
     v, x = run.v, run.x
     if "motion-late" in terms:
         v, x = (advanced(y, values["early"]) for y in (v, x))
+    if "motion-filter" in terms:  # of first order, undone: y + tau dy/dt
+        v, x = (y + values["tau"] * np.gradient(y) / run.dt for y in (v, x))
     p = np.array([values.get(n, {"n": 1.0, "eps": 1.0}.get(n, 0.0)) for n in BRANCH])
     force = branch(v, i, run.dt, sub, p)
     if "fade" in terms:
@@ -238,7 +241,8 @@ STRUCTURES = (
     (), ("friction",), ("friction", "asymmetry"), ("friction", "friction-asymmetry"), ("friction", "power"), ("power",),
     ("friction", "turbulent"), ("series",), ("friction", "series"), ("friction", "series", "gap"),
     ("friction", "series", "hardening"), ("series", "outer-friction"), ("pre-sliding",), ("pre-sliding", "power"),
-    ("friction", "force-late"), ("friction", "motion-late"), ("cubic",), ("quadratic-spring", "cubic"),
+    ("friction", "force-late"), ("friction", "motion-late"), ("friction", "series", "motion-filter"), ("cubic",),
+    ("quadratic-spring", "cubic"),
     ("friction", "cubic"), ("friction", "series", "power"), ("friction", "series", "outer-friction"),
     ("friction", "series", "asymmetry", "friction-asymmetry"), ("friction", "asymmetry", "friction-asymmetry", "power"),
     ("friction", "series", "dashpot"), ("friction", "fade"), ("friction", "series", "gap", "power"),
