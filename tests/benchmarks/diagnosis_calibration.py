@@ -202,7 +202,8 @@ def besides(row: Row) -> set[str]:
     """Components that are neither right nor wrong in a case of a rig."""
     if row["rig"] == "foreign":
         own = cases.own(row["law"], row["baseline"]) | cases.CHAIN | {"force-offset", "gas-preload"}
-        own = own.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]), () if row["separable"] else row["near"])
+        own = own.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]))
+        own |= set() if row.get("separable", True) else set(row["near"])
     else:
         own = {"shared-filter"} if row["chain"] == "full" else set()
         own |= imitators(row) if row["kind"] == "outside" or not row["separable"] else set()

@@ -5,7 +5,7 @@
     python tests/benchmarks/foreign_scoreboard.py ROWS --calibration
     python tests/benchmarks/foreign_scoreboard.py OUT --table
 
-The second line takes rows of `diagnosis_calibration.py` or `rule_ablation.py`, 10 s at half the rate.
+The third line takes rows of `diagnosis_calibration.py` or `rule_ablation.py`, 10 s at half the rate.
 No fitted baseline can be exact: every law of the rig has another form than the project's, and a smooth error of 1 to
 3 % of the force (`rough`: 3 to 6 %). Which causes are separable is decided from the truth alone, before the diagnosis
 runs (`foreign_rig.truth`). Rows in OUT are not computed again. Rotate the seeds: a seed that was looked at once is a
@@ -91,7 +91,7 @@ def mark(row: Row) -> str:
 
 def law_found(row: Row) -> list[bool]:
     """Whether the friction of a law is named where the baseline has none, and its current where that varies."""
-    names = {*row.get("named", ())}
+    names = {*row.get("named", ())} - {*row["causes"]}
     varies = row["current"] in ("steps", "ramps")
     return [bool(cases.FRICTION & names), *(["current-dependence" in names] if varies else [])]
 
@@ -105,7 +105,7 @@ def line(row: Row) -> str:
             f"{'/'.join(f'{v:.1%}' for v in row['visible']) or '-'} {'separable' if row['separable'] else '-'} -> "
             f"{mark(row)}: {row.get('verdict', '')} {','.join(row.get('named', [])) or '-'} rivals "
             f"{row.get('rivals', [])} ESR {row.get('before', np.nan):.4f} -> {row.get('after', np.nan):.4f} "
-            f"{row['seconds']:.0f} s")
+            f"{row.get('seconds', np.nan):.0f} s")
 
 
 def table(rows: list[Row]) -> str:
@@ -128,7 +128,7 @@ def table(rows: list[Row]) -> str:
                   ("timeout", "refused", "traceback"))
         cells = [str(sum(marks.count(m) for m in g)) for g in groups]
         lines.append(f"| {label} | {len(marks)} | {' | '.join(cells)} |")
-    seconds = [r["seconds"] for r in good if r["outcome"] == "answered"]
+    seconds = [r["seconds"] for r in good if r["outcome"] == "answered" and "seconds" in r]
     if seconds:
         median, late = np.quantile(seconds, (0.5, 0.95))
         lines += ["", f"seconds by the clock, or of a processor where from a calibration: median {median:.0f}, "
@@ -154,7 +154,7 @@ def run(options: argparse.Namespace) -> None:
     chosen = {"baseline": options.baseline} if options.baseline else {}
     for number in range(part, options.cases, parts):
         for fixed in fixings:
-            name = f"{options.seed}-{number}-{fixed.get('kind', 'any')}"
+            name = "-".join((str(options.seed), str(number), str(fixed.get("kind", "any")), *chosen.values()))
             if name in done:
                 continue
             try:
@@ -168,8 +168,10 @@ def run(options: argparse.Namespace) -> None:
 
 def judged(folder: Path) -> list[Row]:
     """Rows of the calibration, or of the ablation with all rules, as rows of this board."""
-    return [row | row.get("variants", {}).get("all rules", {}) | {"outcome": "answered", "seconds": row["cpu"]}
-            for row in read(folder) if row.get("rig") == "foreign"]
+    of_ablation = "variants"
+    found = [row for row in read(folder) if row["id"].startswith("foreign-")]
+    return [row if "error" in row else row | {"outcome": "answered"} | (
+        row[of_ablation]["all rules"] if of_ablation in row else {"seconds": row["cpu"]}) for row in found]
 
 
 def main() -> None:
@@ -180,7 +182,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--shard", default="0/1")
     parser.add_argument("--only", default="", help=f"kinds, comma-separated: {', '.join(cases.KINDS)}")
-    parser.add_argument("--baseline", help="for all cases, such as linear; by default the law that suits the device")
+    parser.add_argument("--baseline", choices=["linear"], help="by default the law that suits the device")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
     parser.add_argument("--calibration", action="store_true",
                         help="the folder has rows of diagnosis_calibration.py or rule_ablation.py")

@@ -7,11 +7,12 @@
 A rule is a line of the program's own text that is replaced (`RULES`); a text that is no longer there ends the run. The
 search is the same for all, so that what a rule does while sets are visited is not seen. Cases are those of the
 calibration of both rigs, foreign ones also with the true cause left out (`removed`), and measured records with what
-their group holds out. A row, a line of JSON in OUT/ablation.jsonl, is not computed twice; it has every answer that
+their group holds out. A row, a line of JSON in OUT/ablation-*.jsonl, is not computed twice; it has every answer that
 differs from the one with all rules.
 
-Marks of a case: right, where a cause that is there is named (measured: as in `real_causes`; removed: where none is);
-wrong, where one is named that is not there. The table has the cases by which each count changes without the rule.
+Marks of a case: right, where a cause that is there is named (measured: as in `real_causes`; removed: where none is, or
+only causes of the true one's family); wrong, where one is named that is not there. The table has the cases by which
+each count changes without the rule.
 """
 
 from __future__ import annotations

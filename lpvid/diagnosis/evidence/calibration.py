@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,19 +89,22 @@ def match_component(component: str) -> Matcher:
     return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True) if k == component), None)
 
 
-def match_family(name: str) -> Matcher:
+def match_family(name: str, without: Collection[str] = ()) -> Matcher:
     """Matches any effect of a family.
 
     Parameters
     ----------
     name : str
         Of the family.
+    without : collection of str
+        Components that are left out.
 
     Returns
     -------
     Matcher
     """
-    return lambda w: next((e for e in w.effects if e.family == name), None)
+    return lambda w: next((e for e, k in zip(w.effects, w.components, strict=True)
+                           if e.family == name and k not in without), None)
 
 
 def component_support(sets: WeighedSets) -> dict[str, Support]:

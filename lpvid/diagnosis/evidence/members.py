@@ -31,7 +31,7 @@ class SetMember:
         Of the effect, or of its component where that is probable enough and the form is not.
     values : (k,) array
     probability, of_family : float
-        Calibrated, of the name at any place, and of any effect of its family.
+        Calibrated, of the name at any place, and of any effect of its family that is no other member.
     weight : float
         Of the sets that hold it.
     rivals : tuple of (str, float)
@@ -62,10 +62,10 @@ class SetMember:
     evidence: float | None
 
     @property
-    def family(self) -> str:
-        """Its family with the probability, where that is enough to be named; otherwise empty."""
+    def family_stated(self) -> str:
+        """Its family with the probability, where that is enough to be named; otherwise, and for a form, empty."""
         return f"a cause of the family {self.effect.family} ({self.of_family:.2f})" \
-            if self.of_family >= NAMED_PROBABILITY else ""
+            if self.of_family >= NAMED_PROBABILITY and not self.effect.flexible else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class SelectedSet:
         if m.rivals:
             return None
         if m.probability < NAMED_PROBABILITY:
-            family = f"; {m.family}" if m.family else ""
+            family = f", but {m.family_stated} is" if m.family_stated else ""
             return f"probability {m.probability:.2f} only, and no alternative is probable enough{family}"
         return self._unresolved(m)
 

@@ -263,7 +263,7 @@ def _either(m: SetMember, signals: Sequence[Signals]) -> str:
     too = [n for n in m.effect.stands_for(m.values, signals) if n in dict(m.rivals)]
     others = [f"{n} ({p:.2f})" for n, p in m.rivals if n not in too]
     form = f", a form that describes {', '.join(too)} too" if too else ""
-    family = f", {m.family}" if m.family else ""
+    family = f", {m.family_stated}" if m.family_stated else ""
     return " or ".join([f"{m.name} ({m.probability:.2f})", *others]) + form + family
 
 

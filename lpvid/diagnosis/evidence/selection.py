@@ -250,7 +250,8 @@ def _member(search: SetSearch, sets: WeighedSets, w: EvaluatedSet, fit: Refit, a
     better = float(np.mean(_gains(problem, ablation, after) > 0))
     before, left = (float(np.sum(problem.unweighed(e) ** 2)) for e in (folds_of(problem, ablation), after))
     name, _, support = name_in(search, sets, w, effect)
-    family = Support.of(sets, match_family(effect.family))
+    others = {k for e, k in zip(w.effects, w.components, strict=True) if e is not effect}
+    family = Support.of(sets, match_family(effect.family, others))
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     rivals = rivals_beside(search, sets, w, effect, values)
     without = search.visited.get(w.members - {effect.name}) or EvaluatedSet(search.data, ablation)

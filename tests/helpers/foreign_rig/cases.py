@@ -31,17 +31,14 @@ OWN = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"input-nonline
                  "entrained-air"}, "bouc-wen": set()}
 """What the law truly has and the baseline has not: neither right nor wrong when named. Dahl's friction is
 `hysteresis` of straightness 0, and a slider behind a spring."""
-BEYOND_LINEAR = {
-    "herschel-bulkley": {"coulomb-friction", "inner-friction", "saturating-damping", "input-nonlinearity"},
-    "polynomial": {"coulomb-friction", "inner-friction", "quadratic-loss", "input-nonlinearity", "saturating-damping"},
-    "dahl": set(), "lugre": set(),
-    "bouc-wen": {"coulomb-friction", "inner-friction", "hysteresis", "series-compliance", "entrained-air"}}
-"""What a law has besides beyond a mass, a damper, a spring and a constant. A yield force that comes in smoothly is
-friction with a turning speed, and a damping that saturates; Bouc-Wen's variable is friction behind a spring."""
+FRICTION = {"coulomb-friction", "inner-friction", "saturating-damping"}
+"""Names of the yield or friction share, which every law has: with a turning speed it is a damping that saturates."""
+BEYOND_LINEAR = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"quadratic-loss", "input-nonlinearity"},
+                 "dahl": set(), "lugre": set(), "bouc-wen": {"hysteresis", "series-compliance", "entrained-air"}}
+"""What a law has besides, beyond a mass, a damper, a spring and a constant. Bouc-Wen's variable is friction behind a
+spring."""
 LINEAR = {"fixture-inertia", "gas-stiffness"}
 """What `linear` has itself."""
-FRICTION = {"coulomb-friction", "inner-friction", "hysteresis", "stribeck-friction", "saturating-damping"}
-"""Names that the yield or friction share, which every law has, may be given."""
 KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"},
          "bouc-wen": {"gas-stiffness"}}
 """What the baseline has itself: not hidden behind it."""
@@ -92,11 +89,12 @@ def draw(seed: int, **fixed: object) -> Plan:
         "derived_velocity": bool(rng.random() < 0.4),
         "share": float(np.exp(rng.uniform(*np.log(SHARES)))), "causes": ()} | fixed
     if "causes" not in fixed:
+        known = LAGS.get(law, set()) | (own(law, "linear") | LINEAR if free["baseline"] == "linear" else set())
         names = [c.name for c in hideable(law, free["current"]) if c.outside == (kind == "outside")]
         count = {"nothing": 0, "pair": 2}.get(kind, 1)
         chosen: list[str] = []
         for name in rng.permutation(names):
-            if str(name) in LAGS.get(law, ()) or (free["baseline"] == "linear" and str(name) in LINEAR):
+            if str(name) in known:
                 continue
             if len(chosen) < count and not any(cause(c).family == cause(str(name)).family for c in chosen):
                 chosen.append(str(name))
@@ -106,7 +104,7 @@ def draw(seed: int, **fixed: object) -> Plan:
 
 def own(law: str, baseline: str) -> set[str]:
     """What a law truly has and a baseline has not."""
-    return OWN[law] | (BEYOND_LINEAR[law] | {"current-dependence"} if baseline == "linear" else set())
+    return OWN[law] | (BEYOND_LINEAR[law] | FRICTION | {"current-dependence"} if baseline == "linear" else set())
 
 
 def hideable(law: str, current_kind: str) -> list[Cause]:

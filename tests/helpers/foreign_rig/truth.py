@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import decimate
 
-from .cases import OVERSAMPLING, RATE, World, hideable
+from .cases import OVERSAMPLING, RATE, World, hideable, noise
 from .causes import cause
 from .laws import SHAPES
 
@@ -131,7 +131,8 @@ def truth_of(world: World, rate: float = RATE) -> Truth:
     found = [here.change(name, size) for name, size in hidden]
     visible = tuple(float(np.sqrt(np.mean(c**2))) for c in found)
     law = 0.0 if not world.device.error else law_error(world)
-    unknown = float(np.hypot(law, plan.level))
+    of_noise = compared(noise(plan.colour, recorded.plain.size, np.random.default_rng([plan.seed, 28])), here.step)
+    unknown = float(np.hypot(law, plan.level * np.sqrt(np.mean(of_noise**2))))
     rivals: dict[str, float] = {}
     if len(found) == 1:
         d = found[0]

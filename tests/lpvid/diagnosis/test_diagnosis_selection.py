@@ -14,6 +14,7 @@ from lpvid.baselines.baseline import Coefficient
 from lpvid.diagnosis.budgets import MOST_MEMBERS
 from lpvid.diagnosis.diagnosis import Estimated
 from lpvid.diagnosis.evidence import engine, members, outcome, selection, weighed_sets
+from lpvid.diagnosis.evidence.calibration import match_family
 from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.evidence.members import SelectedSet, SetMember
 from lpvid.diagnosis.evidence.search import SetSearch
@@ -22,14 +23,23 @@ from lpvid.record import Channel, Record
 from lpvid.report.diagnosis import _cause_row
 
 
-@pytest.mark.parametrize(("of_family", "stated"), [(0.8, True), (0.7, False)])
-def test_a_cause_that_is_not_probable_enough_states_its_family_where_that_is(of_family, stated):
-    effect = SimpleNamespace(name="air", family="elastic")
+@pytest.mark.parametrize(("of_family", "flexible", "stated"), [
+    (0.8, False, True), (0.7, False, False), (0.8, True, False)])
+def test_a_cause_that_is_not_probable_enough_states_its_family_where_that_is(of_family, flexible, stated):
+    effect = SimpleNamespace(name="air", family="elastic", flexible=flexible)
     air = SetMember(effect, "air", np.zeros(1), 0.4, of_family, 0.4, (), 1.0, 10.0, 1.0, 0.05, 5.0)
     selected = SelectedSet(*[None] * 3, 1.0, *[np.zeros(1)] * 2, (air,), 0.05, 0.0, (), [])  # type: ignore[arg-type]
     reason = selected.reason_not_named(air)
     assert reason is not None and reason.startswith("probability 0.40 only")
-    assert ("a cause of the family elastic (0.80)" in reason) is stated
+    assert ("but a cause of the family elastic (0.80) is" in reason) is stated
+
+
+def test_another_member_is_no_evidence_for_a_family():
+    spring, stop, air = (SimpleNamespace(name=n, family="elastic") for n in ("spring", "stop", "air"))
+    both, either, none = (SimpleNamespace(effects=e, components=[x.name for x in e])
+                          for e in ([spring, stop], [air], [spring]))
+    of_stop = match_family("elastic", {"spring"})
+    assert [of_stop(w) for w in (both, either, none)] == [stop, air, None]
 
 
 @pytest.mark.parametrize(("value", "error", "clock", "strengths", "flexible", "named"), [

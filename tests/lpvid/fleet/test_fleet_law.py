@@ -34,7 +34,7 @@ def run(k: int, cubic: float = SHARED, dry: float = 0.0) -> Record:
 
 
 class Seen(Cubic):
-    """One that the samples show, and that is another component at a neutral value."""
+    """One that the samples show."""
 
     visible = True
 
@@ -57,7 +57,7 @@ def test_further_effects_take_their_place_among_its_own() -> None:
 
 
 def test_what_samples_show_is_the_cause_and_no_other_strength_than_the_fleet_s() -> None:
-    """Its prior and its name at neutral hold for its own neutral value, not for that of the fleet."""
+    """Its prior holds for its own neutral value, not for that of the fleet."""
     own = FleetEffect(Seen(), np.array([SHARED]))
     assert inclusion_prior(Seen()) > 0 > inclusion_prior(own) == inclusion_prior(Cubic())
 

@@ -144,7 +144,7 @@ class TestCases:
 
         plan = cases.draw(seed, duration=10.0)
         world = cases.world(plan)
-        known = truth.truth_of(world)
+        known = truth.truth_of(world, cases.RATE / 2)
         assert {*plan.causes, *(n for n, d in known.rivals.items() if d < known.unknown)} >= alike
         path = tmp_path / "record.csv"
         cases.written(world, cases.measured(world, world.run(known.hidden)), path)

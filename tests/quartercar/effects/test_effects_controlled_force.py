@@ -18,7 +18,8 @@ from quartercar.effects.controlled_force import CurrentDependence, at_rest
 from quartercar.effects.electrical import CoilLag
 
 RATE, YIELD, VISCOUS = 500.0, 300.0, 400.0
-CHEAP = [e for e in CATALOGUE if e.family in ("electrical", "friction", "model") and e.name != "remanence"]
+CHEAP = [e for e in CATALOGUE if e.name != "remanence" and (
+    e.family in ("electrical", "friction", "model") or e.name in ("gas-preload", "gas-stiffness"))]
 
 
 def bingham(current: np.ndarray, seed: int = 0, lag: float = 0.0) -> lpv.Record:
