@@ -27,7 +27,7 @@ import commanded
 import numpy as np
 from helpers.foreign_rig import cases, causes, truth
 from real_answers import parts_of
-from rows import append, read
+from rows import append, read, with_all_rules
 
 Row = dict
 
@@ -168,10 +168,9 @@ def run(options: argparse.Namespace) -> None:
 
 def judged(folder: Path) -> list[Row]:
     """Rows of the calibration, or of the ablation with all rules, as rows of this board."""
-    of_ablation = "variants"
     found = [row for row in read(folder) if row["id"].startswith("foreign-")]
-    return [row if "error" in row else row | {"outcome": "answered"} | (
-        row[of_ablation]["all rules"] if of_ablation in row else {"seconds": row["cpu"]}) for row in found]
+    return [row if "error" in row else with_all_rules(row) | {"outcome": "answered"} | (
+        {} if "variants" in row else {"seconds": row["cpu"]}) for row in found]
 
 
 def main() -> None:

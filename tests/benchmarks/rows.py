@@ -12,6 +12,11 @@ def append(path: Path, row: dict) -> None:
         file.write(json.dumps(row) + "\n")
 
 
+def with_all_rules(row: dict) -> dict:
+    """A row of `rule_ablation` as one of `diagnosis_calibration`: the answer with all rules among its own keys."""
+    return row | row.get("variants", {}).get("all rules", {})
+
+
 def read(folder: Path) -> list[dict]:
     """All rows of a folder; a line cut short by an interruption is left out."""
     found = []
