@@ -1,6 +1,6 @@
 """What simpler methods answer on the cases of the foreign scoreboard, from the same baselines and records.
 
-    python tests/benchmarks/diagnosis_peers.py OUT
+    python tests/benchmarks/diagnosis_peers.py OUT [--calibration]
 
 OUT holds rows of `foreign_scoreboard`; what is separable comes from them. Every peer starts from the fitted baseline's
 residual r and a library of signatures, each the change of the simulated force by a small cause of the catalogue,
@@ -232,7 +232,10 @@ def main() -> None:
     """Ask the peers on every row and print the table."""
     parser = argparse.ArgumentParser(description="What simpler methods answer on the foreign scoreboard's cases.")
     parser.add_argument("folder", type=Path)
-    own = [r for r in read(parser.parse_args().folder) if "outcome" in r]
+    parser.add_argument("--calibration", action="store_true", help="its rows are of the calibration or the ablation")
+    options = parser.parse_args()
+    rows = foreign_scoreboard.judged(options.folder) if options.calibration else read(options.folder)
+    own = [r for r in rows if "outcome" in r]
     print(table([answers(r) for r in own], own))
 
 
