@@ -141,15 +141,20 @@ class EvidenceOutcome:
         law_error, left = self.selected.law_error, self.search.relative_rms(self.selected.after)
         repeating, most = (r / self.search.data.discrepancy.output_rms for r in level.repeating)
         foreign = max((float(np.sqrt(x.share)) * left for x in lines), default=0.0)
+        searched = self.selected.relative_error
+        elsewhere = float(np.sqrt(max(left**2 - searched**2, 0.0)))  # the misfit where no sample of the search lies
         structure = f"on training data the inputs predict a free-run error of {law_error:.1%} of the output"
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
         structure += f"; an error of at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
+        structure += f"; out of fold it is {left:.1%} on all samples and {searched:.1%} on those of the search: " \
+                     "something acts where none of these lies" if elsewhere > ACCEPTABLE_MISFIT else ""
         shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \
             f"is noise but for at most {min(most, left):.1%} that may repeat"
         noise = f"; what is left, {left:.1%} of the output, {shown}" if left > ACCEPTABLE_MISFIT else ""
         if named:
             described = ", ".join(f"{m.name} ({m.probability:.2f})" for m in named)
-            if not contested and max(law_error, foreign, repeating, *(m.change for m in others)) <= ACCEPTABLE_MISFIT:
+            most_left = max(law_error, foreign, repeating, elsewhere, *(m.change for m in others))
+            if not contested and most_left <= ACCEPTABLE_MISFIT:
                 return "explained", f"{described}; {structure}, as much as a good law leaves{noise}"
             rest = [f"{m.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
@@ -166,7 +171,7 @@ class EvidenceOutcome:
                    "of the output"
             return "unexplained", "no cause is probable enough to be named, and the error is no noise: with " \
                                   f"{fall}; {structure}"
-        if max(law_error, foreign, repeating) > ACCEPTABLE_MISFIT:
+        if max(law_error, foreign, repeating, elsewhere) > ACCEPTABLE_MISFIT:
             return "unexplained", f"no cause of the catalogue is probable enough; {structure}"
         return "nothing-to-explain", f"no cause is needed; {structure}{noise}"
 

@@ -34,6 +34,22 @@ def test_a_cause_that_is_not_probable_enough_states_its_family_where_that_is(of_
     assert ("but a cause of the family elastic (0.80) is" in reason) is stated
 
 
+@pytest.mark.parametrize(("on_all", "named", "verdict"), [
+    (0.04, True, "explained"), (0.2, True, "partly-explained"), (0.04, False, "nothing-to-explain"),
+    (0.2, False, "unexplained")])
+def test_an_error_where_no_sample_of_the_search_lies_is_not_explained(on_all, named, verdict):
+    """An end stop that none of the stretches of a search reaches: 4 % there, 20 % on all samples."""
+    found = SimpleNamespace(name="dry", probability=0.9)
+    case = SimpleNamespace(
+        search=SimpleNamespace(relative_rms=lambda e: on_all, data=SimpleNamespace(discrepancy=SimpleNamespace(
+            output_rms=1.0))), selected=SimpleNamespace(law_error=0.01, after=None, relative_error=0.035,
+                                                        least_error_set=None))
+    level = SimpleNamespace(repeating=(0.0, 0.0), variance=None)
+    answer, reason = outcome.EvidenceOutcome._verdict(case, [found] if named else [], [], [], level, [])
+    assert answer == verdict
+    assert ("20.0% on all samples and 3.5% on those of the search" in reason) is (on_all > 0.1)
+
+
 def test_another_member_is_no_evidence_for_a_family():
     spring, stop, air = (SimpleNamespace(name=n, family="elastic") for n in ("spring", "stop", "air"))
     both, either, none = (SimpleNamespace(effects=e, components=[x.name for x in e])
