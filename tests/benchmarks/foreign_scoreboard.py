@@ -93,7 +93,8 @@ def law_found(row: Row) -> list[bool]:
     """Whether the friction of a law is named where the baseline has none, and its current where that varies."""
     names = {*row.get("named", ())} - {*row["causes"]}
     varies = row["current"] in ("steps", "ramps")
-    return [bool(cases.FRICTION & names), *(["current-dependence" in names] if varies else [])]
+    friction = (cases.FRICTION | {"hysteresis"}) & cases.own(row["law"], row["baseline"])
+    return [bool(friction & names), *(["current-dependence" in names] if varies else [])]
 
 
 def line(row: Row) -> str:
