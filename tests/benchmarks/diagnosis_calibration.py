@@ -388,7 +388,7 @@ def picture(found_cases: Sequence[Case], path: Path) -> None:
         bins, error = reliability(p, there)
         axes.plot([b[0] for b in bins], [b[1] for b in bins], style, label=f"{label}: error {error:.3f}")
     axes.set(xlabel="given", ylabel="share that is there", xlim=(0, 1.02), ylim=(0, 1.02),
-             title=f"{len(found)} components in {len(found_cases)} cases")
+             title=f"{len(found)} components, {len(found_cases)} cases:\nvirtual rigs and measured records")
     axes.legend(loc="upper left")
     figure.savefig(path, dpi=110)
 

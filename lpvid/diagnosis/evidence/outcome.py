@@ -142,12 +142,12 @@ class EvidenceOutcome:
         repeating, most = (r / self.search.data.discrepancy.output_rms for r in level.repeating)
         foreign = max((float(np.sqrt(x.share)) * left for x in lines), default=0.0)
         searched = self.selected.relative_error
-        elsewhere = float(np.sqrt(max(left**2 - searched**2, 0.0)))  # the misfit where no sample of the search lies
+        elsewhere = float(np.sqrt(max(left**2 - searched**2, 0.0)))  # beyond the samples of the search
         structure = f"on training data the inputs predict a free-run error of {law_error:.1%} of the output"
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
         structure += f"; an error of at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
-        structure += f"; out of fold it is {left:.1%} on all samples and {searched:.1%} on those of the search: " \
-                     "something acts where none of these lies" if elsewhere > ACCEPTABLE_MISFIT else ""
+        structure += f"; out of fold {left:.1%} is left on all samples and {searched:.1%} on those of the search: " \
+                     "a cause, or more noise, where none of these lies" if elsewhere > ACCEPTABLE_MISFIT else ""
         shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \
             f"is noise but for at most {min(most, left):.1%} that may repeat"
         noise = f"; what is left, {left:.1%} of the output, {shown}" if left > ACCEPTABLE_MISFIT else ""

@@ -38,7 +38,7 @@ def test_a_cause_that_is_not_probable_enough_states_its_family_where_that_is(of_
     (0.04, True, "explained"), (0.2, True, "partly-explained"), (0.04, False, "nothing-to-explain"),
     (0.2, False, "unexplained")])
 def test_an_error_where_no_sample_of_the_search_lies_is_not_explained(on_all, named, verdict):
-    """An end stop that none of the stretches of a search reaches: 4 % there, 20 % on all samples."""
+    """An end stop that none of the stretches of a search reaches: 3.5 % there, 20 % on all samples."""
     found = SimpleNamespace(name="dry", probability=0.9)
     case = SimpleNamespace(
         search=SimpleNamespace(relative_rms=lambda e: on_all, data=SimpleNamespace(discrepancy=SimpleNamespace(
