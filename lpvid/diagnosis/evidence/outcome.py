@@ -146,8 +146,8 @@ class EvidenceOutcome:
         structure = f"on training data the inputs predict a free-run error of {law_error:.1%} of the output"
         structure += f"; {lines[0].where} is {foreign:.1%} of it" if lines else ""
         structure += f"; an error of at least {repeating:.1%} repeats where they do" if repeating > law_error else ""
-        structure += f"; the error out of fold is {left:.1%} on all samples and {searched:.1%} on those of " \
-                     "the search: a cause, or more noise, where none of these lies" if elsewhere > ACCEPTABLE_MISFIT else ""
+        structure += f"; the error out of fold is {left:.1%} on all samples and {searched:.1%} on those of the " \
+                     "search: a cause, or more noise, where none of these lies" if elsewhere > ACCEPTABLE_MISFIT else ""
         shown = "is taken for noise; a repeat of the run decides that" if level.variance is None else \
             f"is noise but for at most {min(most, left):.1%} that may repeat"
         noise = f"; what is left, {left:.1%} of the output, {shown}" if left > ACCEPTABLE_MISFIT else ""
